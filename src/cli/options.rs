@@ -224,14 +224,19 @@ impl SceneOptions {
     /// The scene, and the camera to render it with. `aspect` is the image's width over its height if the camera does
     /// not decide it.
     pub fn load(&self, aspect: f32) -> Result<(Scene, Camera)> {
-        self.load_first(self.at, aspect)
+        self.load_first(None, self.surroundings()?.as_ref(), aspect)
     }
 
-    /// As [`load`](Self::load), after so many seconds of the animation.
-    pub fn load_first(&self, time: Option<f64>, aspect: f32) -> Result<(Scene, Camera)> {
-        let mut scene = self.load_at(time)?;
-        if let Some(surroundings) = self.surroundings()? {
-            self.surround(&mut scene, &surroundings)?;
+    /// As [`load`](Self::load), after so many seconds of the animation if any are given, and within that panorama.
+    pub fn load_first(
+        &self,
+        time: Option<f64>,
+        surroundings: Option<&Surroundings>,
+        aspect: f32,
+    ) -> Result<(Scene, Camera)> {
+        let mut scene = self.load_at(time.or(self.at))?;
+        if let Some(surroundings) = surroundings {
+            self.surround(&mut scene, surroundings)?;
         }
         let camera = self.camera(&scene, aspect)?;
         if scene.cameras.is_empty() && self.from.is_none() && self.look_from.is_none() {
@@ -273,7 +278,22 @@ impl SceneOptions {
 
     /// The camera that the user selects, with its lens; `aspect` as for [`load`](Self::load).
     pub fn camera(&self, scene: &Scene, aspect: f32) -> Result<Camera> {
-        let mut camera = self.select_camera(scene, aspect)?;
+        self.with_lens(scene, self.select_camera(scene, aspect)?)
+    }
+
+    /// The cameras of a turntable with so many views.
+    pub fn turntable(&self, scene: &Scene, aspect: f32, views: u32) -> Result<Vec<Camera>> {
+        let cameras = scene.turntable(&self.framing(aspect), views);
+        cameras.into_iter().map(|camera| self.with_lens(scene, camera)).collect()
+    }
+
+    /// From where a camera that frames the scene looks at it.
+    fn framing(&self, aspect: f32) -> Framing {
+        let framing = Framing { aspect, ..Framing::default() };
+        self.from.map_or(framing, |[azimuth, elevation]| Framing { azimuth, elevation, ..framing })
+    }
+
+    fn with_lens(&self, scene: &Scene, mut camera: Camera) -> Result<Camera> {
         if let Some(fov) = self.fov {
             let Projection::Perspective { yfov, .. } = &mut camera.projection else {
                 let problem = format!("--fov: camera `{}` is orthographic, which has no field of view", camera.name);
@@ -291,16 +311,16 @@ impl SceneOptions {
 
     fn select_camera(&self, scene: &Scene, aspect: f32) -> Result<Camera> {
         let cameras = &scene.cameras;
-        let framing = Framing { aspect, ..Framing::default() };
         if let (Some(from), Some(at)) = (self.look_from, self.look_at) {
             let placed = LookAt { from, at, fov: self.fov.unwrap_or(LookAt::FOV) };
             return scene.look_at(&placed).map_err(|problem| Error::Usage(format!("--look-from: {problem}")));
         }
-        if let Some([azimuth, elevation]) = self.from {
-            return Ok(scene.frame(&Framing { azimuth, elevation, ..framing }));
+        let framed = || scene.frame(&self.framing(aspect));
+        if self.from.is_some() {
+            return Ok(framed());
         }
         let Some(wanted) = &self.camera else {
-            return Ok(cameras.first().cloned().unwrap_or_else(|| scene.frame(&framing)));
+            return Ok(cameras.first().cloned().unwrap_or_else(framed));
         };
         let by_name = cameras.iter().find(|camera| camera.name == *wanted);
         let camera = by_name.or_else(|| cameras.get(wanted.parse::<usize>().ok()?));

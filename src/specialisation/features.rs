@@ -42,6 +42,12 @@ kernel_kit::features! {
         Sheen,
         /// Scene: some material is iridescent.
         Iridescence,
+        /// Scene: some material transmits light diffusely.
+        DiffuseTransmission,
+        /// Scene: some material refracts each wavelength its own way.
+        Dispersion,
+        /// Scene: some surface lies in the volume of another.
+        Immersed,
         /// Scene: some material is alpha-masked or blended, so rays test the triangles that they hit.
         AlphaTest,
         /// Scene: some material is unlit.

@@ -8,8 +8,8 @@ use kernel_kit::{Composed, DeviceLimits, Feature as _, Gpu, Taken, kernel_test};
 use penumbra::internal::kernels::{compose, compose_source, kernel_stems};
 use penumbra::internal::procedural::Role;
 use penumbra::internal::scene::{
-    AlphaMode, Anisotropy, Clearcoat, ColourSpace, Filter, Iridescence, LightKind, Material, Panorama, Scene, Sheen,
-    Specular, Texture, TextureImage, TextureInfo, Transmission, Wrap,
+    AlphaMode, Anisotropy, Clearcoat, ColourSpace, DiffuseTransmission, Dispersion, Filter, Iridescence, LightKind,
+    Material, Medium, Panorama, Scene, Sheen, Specular, Texture, TextureImage, TextureInfo, Transmission, Volume, Wrap,
 };
 use penumbra::internal::specialisation::Specialisation;
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -74,7 +74,20 @@ impl Selection {
             meshes.push((panel(i as f64 - 29.0), material));
         }
         if self.has(50) {
-            meshes.push((panel(8.0), Material { iridescence: Iridescence::new(1.0, 1.3, 400.0), ..plain }));
+            meshes.push((panel(8.0), Material { iridescence: Iridescence::new(1.0, 1.3, 400.0), ..plain.clone() }));
+        }
+        if self.has(38) {
+            let diffuse_transmission = DiffuseTransmission::new(0.5, Vec3::ONE);
+            meshes.push((panel(9.0), Material { diffuse_transmission, ..plain.clone() }));
+        }
+        let volume = Volume { attenuation_distance: 1.0, attenuation_colour: Vec3::splat(0.5) };
+        if self.has(39) {
+            let (transmission, dispersion) = (Transmission::with_factor(1.0), Dispersion::new(1.0));
+            let glass = Material { transmission, dispersion, volume: Some(volume), ..plain.clone() };
+            meshes.push((panel(10.0), glass));
+        }
+        if self.has(40) {
+            meshes.push((panel(11.0), Material { medium: Some(Medium { ior: 1.33, volume }), ..plain }));
         }
         if self.has(8) {
             meshes.push((cube(DVec3::Y, 0.1), lamp));
@@ -231,7 +244,7 @@ fn reachable_features_compose() {
 /// with unused terms, and for the few paths that take another way because of them.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
-    const FORCED: [Feature; 22] = [
+    const FORCED: [Feature; 25] = [
         Feature::Needles,
         Feature::Textures,
         Feature::Uv1,
@@ -240,6 +253,9 @@ fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
         Feature::SmoothNormals,
         Feature::Glossy,
         Feature::Transmission,
+        Feature::DiffuseTransmission,
+        Feature::Dispersion,
+        Feature::Immersed,
         Feature::Clearcoat,
         Feature::CoatNormals,
         Feature::Anisotropy,

@@ -9,7 +9,7 @@ use toml::{Table, Value};
 use crate::{Error, Result};
 
 /// Flags that `penumbra check` sets itself, or that make no image which could be compared.
-const REFUSED: [&str; 14] = [
+const REFUSED: [&str; 15] = [
     "output",
     "stats",
     "device",
@@ -21,6 +21,7 @@ const REFUSED: [&str; 14] = [
     "frames",
     "fps",
     "seed-per-frame",
+    "turntable",
     "samples",
     "view",
     "exposure",
