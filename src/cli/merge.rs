@@ -8,7 +8,7 @@ use penumbra::settings::Denoise;
 use penumbra::{Error, Result};
 
 use super::options::{DeviceOptions, OidnOptions, denoisers, finite};
-use super::render::is_exr;
+use super::render::{both, is_exr};
 use super::{Ending, say};
 
 /// Parts that a message names; the others are counted.
@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         if outcome.is_ok() && !arguments.quiet {
             say(format_args!("wrote {}", path.display()));
         }
-        result = result.and(outcome);
+        result = both(result, outcome);
     }
     result.map(|()| Ending::Done)
 }

@@ -399,7 +399,7 @@ fn written(path: &Path, write: impl Fn() -> Result<()>) -> Result<()> {
 }
 
 /// The outcome of writing two files, whose error names both if neither is written.
-fn both(first: Result<()>, second: Result<()>) -> Result<()> {
+pub fn both(first: Result<()>, second: Result<()>) -> Result<()> {
     match (first, second) {
         (Err(Error::Output { file, problem }), Err(Error::Output { file: other, .. })) => {
             Err(Error::Output { file, problem: format!("{problem}; {} is not written either", other.display()) })

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use penumbra::internal::render::pieces::Pieces;
 use penumbra::internal::scene::ImportOptions;
 use penumbra::settings::{Background, Crop, Denoise, SampleRange};
-use penumbra::{Aov, Denoiser, Image, Renderer, Scene, Settings, Technique};
+use penumbra::{Aov, Denoiser, Image, Metadata, Renderer, Scene, Settings, Technique};
 
 use crate::setup::{gpu, scene_file};
 
@@ -277,6 +277,21 @@ fn pieces_that_do_not_fit_are_named() {
     assert_eq!(channel(&partial), channel(&shown));
     assert_eq!(partial.channel("A").unwrap()[24 * 12..], [0.0; 24 * 6]);
     assert!(Pieces::open(&[&first, &last]).unwrap().missing().len() == 1);
+    // Another device, and another version.
+    let elsewhere = file("elsewhere.exr");
+    for (name, value, expected) in [
+        ("device", "Other GPU (1.2)", "elsewhere.exr: file: is of another device, Other GPU (1.2), than"),
+        ("version", "9.9.9", "elsewhere.exr: file: was written by version 9.9.9"),
+    ] {
+        let mut image = Image::read_exr(&last).unwrap();
+        let Some(Metadata::Text(text)) = image.metadata.get_mut("penumbra:piece") else { panic!("no description") };
+        let mut description: serde_json::Value = serde_json::from_str(text).unwrap();
+        description["whole"][name] = value.into();
+        *text = description.to_string();
+        image.write_exr(&elsewhere).unwrap();
+        let error = error(&[&first, &elsewhere]);
+        assert!(error.contains(expected), "{error}");
+    }
     // Damage anywhere.
     let bytes = std::fs::read(&first).unwrap();
     let damaged = file("damaged.exr");
