@@ -262,9 +262,9 @@ impl Settings {
 
     /// Whether the film keeps what tells the error of the image.
     pub(crate) fn estimates_error(&self) -> bool {
-        let is_asked = self.image.denoise != Denoise::None || self.image.noise.is_some();
+        let is_requested = self.image.denoise != Denoise::None || self.image.noise.is_some();
         // A piece leaves that to the merged image.
-        self.image.spp > 1 && is_asked && self.image.piece.is_none()
+        self.image.spp > 1 && is_requested && self.image.piece.is_none()
     }
 
     /// Whether the shadow rays of earlier samples decide where the map does not: not where what its photons tell is
