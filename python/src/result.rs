@@ -163,7 +163,7 @@ pub fn merge(
     oidn_library: Option<PathBuf>,
     device: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<RenderResult> {
-    let denoise = denoise.map(str::parse::<Denoise>).transpose().map_err(of_library)?.unwrap_or_default();
+    let denoise = denoise.map_or(Ok(Denoise::None), str::parse).map_err(|problem| error(&problem))?;
     let device = choice(device)?;
     let merge = || {
         let files = Pieces::open(&pieces)?;
@@ -175,7 +175,9 @@ pub fn merge(
             _ if denoise == Denoise::None => files.merge(),
             _ => {
                 let denoiser = Denoiser::new(denoise, oidn_library.as_deref())?;
-                files.merge_denoised(&lock(&open(&device)?), &denoiser)
+                let shared = open(&device)?;
+                let device = lock(&shared);
+                files.merge_denoised(&device, &denoiser)
             }
         }
     };
