@@ -45,7 +45,7 @@ pub struct Arguments {
 
     /// Remove noise: the .png shows the result; the .exr keeps the raw image, and has it beside that as denoised.R,
     /// denoised.G and denoised.B, with its estimated standard error as the channel error [default: auto if an output is
-    /// .png, else none]
+    /// .png, else none]. With --samples it keeps what `penumbra merge --denoise` needs
     #[arg(long, value_name = "DENOISER", value_parser = denoisers(), help_heading = "Output")]
     denoise: Option<Denoise>,
 
@@ -105,7 +105,10 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let interrupt = Interrupt::listen();
     arguments.check()?;
     let (denoiser, no_denoiser) = arguments.denoiser();
-    let opened = arguments.load_and_open(denoiser.choice())?;
+    // A piece keeps what the denoisers of the merged image need.
+    let is_piece = arguments.settings.is_piece();
+    let denoise = if is_piece { arguments.denoise.unwrap_or_default() } else { denoiser.choice() };
+    let opened = arguments.load_and_open(denoise)?;
     let Opened { scene, camera, surroundings, settings, reference, mut gpu, import, start } = opened;
     let from = arguments.checkpoint.as_ref().filter(|_| arguments.resume).map(Checkpoint::read).transpose()?;
     let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
@@ -406,7 +409,7 @@ fn written(path: &Path, write: impl Fn() -> Result<()>) -> Result<()> {
 }
 
 /// The outcome of writing two files, whose error names both if neither is written.
-fn both(first: Result<()>, second: Result<()>) -> Result<()> {
+pub fn both(first: Result<()>, second: Result<()>) -> Result<()> {
     match (first, second) {
         (Err(Error::Output { file, problem }), Err(Error::Output { file: other, .. })) => {
             Err(Error::Output { file, problem: format!("{problem}; {} is not written either", other.display()) })
@@ -443,10 +446,6 @@ impl Arguments {
         if self.settings.is_piece() {
             if self.noise.is_some() {
                 let problem = "--noise cannot be with --samples: which pixels get samples would depend on other pieces";
-                return Err(Error::Usage(problem.into()));
-            }
-            if self.denoise.is_some_and(|denoise| denoise != Denoise::None) {
-                let problem = "--denoise cannot be with --samples: a denoiser needs the samples of all pieces";
                 return Err(Error::Usage(problem.into()));
             }
             if self.time.is_some() {
@@ -516,7 +515,10 @@ impl Arguments {
 
     /// The denoiser; if it cannot be used, none, and why.
     fn denoiser(&self) -> (Denoiser, Option<Error>) {
-        let shows = self.output.iter().any(|path| !is_exr(path)) && !self.settings.is_piece();
+        if self.settings.is_piece() {
+            return (Denoiser::default(), None);
+        }
+        let shows = self.output.iter().any(|path| !is_exr(path));
         let default = if shows { Denoise::Auto } else { Denoise::None };
         match self.oidn.denoiser(self.denoise.unwrap_or(default)) {
             Ok(denoiser) => (denoiser, None),
@@ -569,7 +571,7 @@ impl Arguments {
     }
 }
 
-fn is_exr(path: &Path) -> bool {
+pub fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
 }
 

@@ -11,6 +11,7 @@ mod denoised;
 pub mod film;
 mod keeping;
 mod look;
+mod noisy;
 mod notes;
 mod output;
 pub mod photons;
