@@ -99,7 +99,7 @@ fn measure(gpu: &Gpu, file: &Path) {
     let last = sizes.last().unwrap();
     times.sort();
     println!(
-        "    moving: {pictures:.1} pictures a second; {:.0} ms median, {:.0} ms at 90 % of {}; {} x {} pixels at the end",
+        "    moving: {pictures:.1} pictures a second; {:.0} ms median, {:.0} ms at 90 % of {}; {} x {} pixels last",
         milliseconds(times[times.len() / 2]),
         milliseconds(times[times.len() * 9 / 10]),
         times.len(),

@@ -186,8 +186,7 @@ impl Options {
         let is_placed = matches!(eye.viewpoint, Viewpoint::Placed(_));
         let fov = eye.fov.or(self.scene.fov().filter(|_| eye.viewpoint == Viewpoint::Given)).filter(|_| !is_placed);
         options.extend(fov.map(|fov| format!("--fov={fov}")));
-        let is_orthographic =
-            matches!(eye.viewpoint, Viewpoint::Placed(LookAt { extent: Extent::Height(_), .. }));
+        let is_orthographic = matches!(eye.viewpoint, Viewpoint::Placed(LookAt { extent: Extent::Height(_), .. }));
         let f_number = eye.f_number.or(self.aperture).filter(|_| !is_orthographic);
         options.extend(f_number.map(|f_number| format!("--aperture={f_number}")));
         options

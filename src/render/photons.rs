@@ -79,7 +79,8 @@ impl Renderer<'_> {
         let stretch = if with_normals { f64::from(NORMAL_STRETCH) } else { 0.0 };
         let here = point.position.as_dvec3();
         let counted = |photon: &VisibilityPhoton| {
-            let counts = photon.light == light && (!with_normals || photon.normal.dot(point.normal) >= COMPATIBLE_COSINE);
+            let counts =
+                photon.light == light && (!with_normals || photon.normal.dot(point.normal) >= COMPATIBLE_COSINE);
             let way = photon.position.as_dvec3() - here;
             let squared = way.length_squared() + stretch * way.dot(point.normal).powi(2);
             (counts && squared <= farthest * farthest).then_some((squared, *photon))

@@ -32,7 +32,7 @@ impl Renderer<'_> {
         if !has_map || stage == self.stage {
             return Ok(());
         }
-        if self.looks_again && self.stage == self.first_stage() {
+        if self.has_other_views && self.stage == self.first_stage() {
             self.first_map = self.lighting.indirect.take().and_then(|indirect| indirect.into_made().map);
         }
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);

@@ -54,7 +54,7 @@ pub struct Renderer<'g> {
     /// Whether the view is a glance, whose records are those of other views as well.
     pub(super) is_glance: bool,
     /// Whether it has looked a second time, and may do so again.
-    pub(super) looks_again: bool,
+    pub(super) has_other_views: bool,
     pub(super) buffers: TileBuffers,
     pub(super) tiles: Vec<TileFilm>,
     pub(super) tile_size: TileSize,
@@ -123,7 +123,7 @@ impl<'g> Renderer<'g> {
             first_map: None,
             kept_records: None,
             is_glance: false,
-            looks_again: false,
+            has_other_views: false,
             buffers,
             tiles,
             tile_size,

@@ -79,8 +79,8 @@ impl AddedCamera {
 /// `folder`.
 ///
 /// # Errors
-/// [`Error::Input`] for a file that cannot be read; [`Error::Usage`] if it refers to other files and `folder` is not its
-/// own.
+/// [`Error::Input`] for a file that cannot be read; [`Error::Usage`] if it refers to other files and `folder` is not
+/// its own.
 pub fn with_camera(source: &Path, folder: &Path, camera: &AddedCamera) -> Result<(Vec<u8>, String)> {
     let bytes = fs::read(source).map_err(|problem| Error::input(source, "file", problem.to_string()))?;
     let (text, _) = chunks(&bytes, source)?;

@@ -88,15 +88,13 @@ pub fn around(view: &LookAt, centre: DVec3, radius: f64, aspect: f64) -> Option<
     Some(LookAt { from: centre + distance * backward, at: centre, up: view.up, extent })
 }
 
-/// A camera of the scene as one that can be moved. It looks at the point `depth` ahead, in normalised units. One that is
-/// rolled keeps its own direction that is up, all others +Y.
+/// A camera of the scene as one that can be moved. It looks at the point `depth` ahead, in normalised units. One that
+/// is rolled keeps its own direction that is up, all others +Y.
 pub fn placed(scene: &Scene, camera: &Camera, depth: f32) -> LookAt {
     let ahead = camera.position - depth * camera.axes[2];
     let extent = match camera.projection {
         Projection::Perspective { yfov, .. } => Extent::FieldOfView(f64::from(yfov).to_degrees()),
-        Projection::Orthographic { ymag, .. } => {
-            Extent::Height(2.0 * f64::from(ymag) / scene.normalisation.scale())
-        }
+        Projection::Orthographic { ymag, .. } => Extent::Height(2.0 * f64::from(ymag) / scene.normalisation.scale()),
     };
     let [right, up, _] = camera.axes.map(|axis| axis.as_dvec3());
     let is_upright = right.y.abs() < LEVEL && up.y > 0.0;

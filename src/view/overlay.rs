@@ -70,8 +70,8 @@ impl Overlay {
             Overlay::Classes => "yellow lit, blue shadowed, red boundary, grey unknown, black dark",
             Overlay::Photons => "yellow illumination photons, blue shadow photons",
             Overlay::Cells => {
-                "of fine cells bright, of the map's dark: yellow lit, blue shadowed, red divided or boundary, grey unknown; \
-                 black not asked"
+                "fine cells bright, those of the map dark: yellow lit, blue shadowed, red boundary, grey unknown, \
+                 black none"
             }
             Overlay::Samples => "black none, white most samples of a pixel",
             Overlay::Error => "black 0.1 % of the brightness, red 3 %, white 100 %",

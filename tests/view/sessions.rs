@@ -166,8 +166,12 @@ fn a_picked_point_has_the_photons_that_decide_it() {
         let picked = shown.picked.unwrap();
         let nearest = picked.nearest.unwrap();
         let light = &picked.lights[0];
+        // Where there are too few photons, or the light is behind the surface, nothing is counted.
+        if ["dark", "unknown"].contains(&light.class) {
+            continue;
+        }
         assert_eq!(nearest.counts().map(|count| count as f32), light.photons, "at {at:?}: {light:?}");
-        assert_eq!(nearest.photons.len(), 50);
+        assert_eq!(nearest.photons.len(), settings().visibility_map.nearest as usize);
         let here = nearest.point.position;
         assert!(nearest.photons.iter().all(|photon| photon.position.distance(here) <= nearest.radius * 1.0001));
         mixed += usize::from(light.photons.iter().all(|count| *count > 0.0));
@@ -214,7 +218,7 @@ fn shown_cells_are_right() {
     }
     let cells = renderer.shown_cells(0).unwrap().unwrap();
     let points: Vec<_> = (0..1024).step_by(3).map(|i| renderer.surface_point([i % 32, i / 32]).unwrap()).collect();
-    let judged = |cells: &[ShownCell]| {
+    let told = |cells: &[ShownCell]| {
         let (mut right, mut wrong) = (0, 0);
         for (cell, point) in cells.iter().step_by(3).zip(&points) {
             let Some(share) = point.as_ref().and_then(|point| light_share(&scene, point)) else { continue };
@@ -232,11 +236,11 @@ fn shown_cells_are_right() {
     let divided = cells.iter().filter(|cell| cell.level > 0 || cell.class == Class::Boundary).count();
     assert!(divided > 20, "{divided} points are in divided cells");
     // One in a hundred: a cell is decided by its first photons.
-    let (right, wrong) = judged(&cells);
+    let (right, wrong) = told(&cells);
     assert!(right > 150 && wrong * 100 <= right, "{right} right, {wrong} wrong");
     let turned: Vec<ShownCell> = cells.iter().rev().copied().collect();
-    let (right, wrong) = judged(&turned);
-    assert!(wrong * 10 > right, "cells of other pixels are not found: {right} right, {wrong} wrong");
+    let (right, wrong) = told(&turned);
+    assert!(wrong * 30 > right, "cells of other pixels are not found: {right} right, {wrong} wrong");
 }
 
 /// A copy of the scene has the camera, which renders the same bits; all else in the file stays.
@@ -248,6 +252,8 @@ fn a_camera_is_saved_into_a_copy_of_the_scene() {
     let rolled = LookAt { up: DVec3::new(0.3, 1.0, 0.1), ..FROM_THE_RIGHT };
     let flat = LookAt { extent: Extent::Height(1.2), ..FROM_THE_RIGHT };
     let mut session = session(gpu(), &file, settings());
+    // A render that begins takes messages away.
+    settle(&mut session, []);
     let save = |name: &str, camera: &str, replaces: bool| {
         let file = folder.path().join(name);
         Command::SaveCamera { file, name: camera.to_owned(), replaces }
