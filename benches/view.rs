@@ -57,7 +57,7 @@ fn state(file: &Path, scene: Scene) -> State {
 
 /// Back and forth, so that the camera stays where it sees something.
 fn movement(step: usize) -> Command {
-    let way = if step / 40 % 2 == 0 { 1.0 } else { -1.0 };
+    let way = if (step / 40).is_multiple_of(2) { 1.0 } else { -1.0 };
     Command::Orbit([0.004 * way, 0.001 * way])
 }
 

@@ -772,10 +772,10 @@ impl<'g> Session<'g> {
         let display = self.state.choices.display;
         let is_same_size = [image.width, image.height] == render.size;
         let picked = &mut self.state.picked;
-        if let Some(picked) = picked.as_mut().filter(|_| is_same_size && render.eye == self.state.eye) {
-            if std::mem::take(&mut self.state.is_point_due) {
-                picked.point = render.point(picked.at)?;
-            }
+        if let Some(picked) = picked.as_mut().filter(|_| is_same_size && render.eye == self.state.eye)
+            && std::mem::take(&mut self.state.is_point_due)
+        {
+            picked.point = render.point(picked.at)?;
         }
         let is_other = |nearest: &NearestPhotons| nearest.light as usize != display.light;
         if let Some(picked) = picked.as_mut().filter(|picked| picked.nearest.as_ref().is_none_or(is_other)) {
