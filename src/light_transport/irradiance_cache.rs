@@ -42,6 +42,7 @@ impl CacheKernels {
 pub(crate) struct IrradianceCache {
     buffers: CacheBuffers,
     bound: BoundCache,
+    records: Records,
 }
 
 /// The parts of the render that filling the cache needs.
@@ -57,8 +58,11 @@ pub(crate) struct Filling<'a> {
     pub settings: &'a Settings,
 }
 
+/// Maximum number of records that are kept from view to view: more take longer to look through than new ones to make.
+const MAX_KEPT: usize = 1 << 14;
+
 /// The records so far.
-struct Records {
+pub(crate) struct Records {
     heads: Vec<RecordHead>,
     values: Buffer,
     /// Capacity of `values`, in records.
@@ -66,10 +70,13 @@ struct Records {
 }
 
 impl IrradianceCache {
-    /// Places records all over the view and gathers at each.
-    pub fn new(with: &Filling<'_>, totals: &mut Totals) -> Result<IrradianceCache> {
+    /// Places records all over the view and gathers at each, but where those that are `kept` from other views reach.
+    pub fn new(with: &Filling<'_>, kept: Option<Records>, totals: &mut Totals) -> Result<IrradianceCache> {
         let buffers = CacheBuffers::new(with.gpu, with.tile.capacity())?;
-        let mut records = Records { heads: Vec::new(), values: record_values(with.gpu, with.features, 1)?, room: 1 };
+        let mut records = match kept.filter(|kept| kept.heads.len() <= MAX_KEPT) {
+            Some(kept) => kept,
+            None => Records { heads: Vec::new(), values: record_values(with.gpu, with.features, 1)?, room: 1 },
+        };
         let mut bound = records.bind(with, &buffers)?;
         for spacing in SPACINGS {
             if records.fill(with, &buffers, &bound, spacing, totals)? {
@@ -79,7 +86,12 @@ impl IrradianceCache {
         totals.indirect.records = records.heads.len() as u64;
         totals.min_radius_records = records.smallest(with.settings.indirect.irradiance_cache.accuracy);
         totals.indirect_bytes += records.values.bytes;
-        Ok(IrradianceCache { buffers, bound })
+        Ok(IrradianceCache { buffers, bound, records })
+    }
+
+    /// The records, for another view.
+    pub fn into_records(self) -> Records {
+        self.records
     }
 
     /// Lights the points of the tile by the records.

@@ -9,6 +9,7 @@ mod conditioning;
 pub mod denoise;
 mod denoised;
 pub mod film;
+mod inspection;
 mod keeping;
 mod look;
 mod noisy;

@@ -90,6 +90,8 @@ kernel_kit::features! {
         ExactCounts,
         /// Method: where the map does not decide, the shadow rays of earlier samples are photons.
         FineCells,
+        /// Output: which cells decide the points, for a window that shows them.
+        ShownCells,
         /// Method: rays from the cells of a grid estimate the visibility of lights from the points in them.
         Cells,
         /// Method: a cell decides only if its neighbours agree with it.

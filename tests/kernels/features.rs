@@ -173,6 +173,7 @@ impl Selection {
             .with(Feature::ClosedForms, self.has(52))
             .with(Feature::SampledForms, self.has(53))
             .with(Feature::FarEmitters, far)
+            .with(Feature::ShownCells, self.has(38))
     }
 }
 
