@@ -137,9 +137,9 @@ fn class_without_map(candidate: u32) -> u32 {
     }
     @if(fine_cells) {
         let fine = fine_class(light, point.position, normal);
-        if is_decided(fine.class_) { return decided_word(fine.class_, fine.place); }
+        if is_decided(fine.class_) { return decided_word(fine.class_, fine.nearness); }
         // Shadow rays know more of a divided cell than the map does.
-        if fine.place != AWAY { return boundary_word(fine.visibility, nearest); }
+        if fine.nearness != AWAY { return boundary_word(fine.visibility, nearest); }
     }
     @if(visibility_map) { return UNDECIDED; }
     @else { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
@@ -147,10 +147,10 @@ fn class_without_map(candidate: u32) -> u32 {
 
 // The word of a candidate in a lit or shadowed cell.
 @if(visibility_map || fine_cells)
-fn decided_word(class_: u32, place: u32) -> u32 {
+fn decided_word(class_: u32, nearness: u32) -> u32 {
     var word = class_word(CLASS_LIT, nearest, 0u, 1.0);
     if class_ == CLASS_SHADOWED { word = class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
-    return word_at(word, place);
+    return word_at(word, nearness);
 }
 
 // The classes of the queued candidates whose cell has one that holds; the others request one.
@@ -522,7 +522,7 @@ fn cell_word_at(light: u32, position: vec3f, normal: vec3f) -> u32 {
         let level = cell_level(fine.cell.kind);
         let hash = hash_cell(vec4u(bitcast<vec3u>(fine.cell.index), fine.cell.kind)).x;
         let fine_word = cell_word(fine.class_, CELL_FINE, level, hash);
-        if is_decided(fine.class_) || fine.near { return fine_word; }
+        if is_decided(fine.class_) || fine.nearness != AWAY { return fine_word; }
         if fine.entry != FINE_CELL_ABSENT { word = fine_word; }
     }
     @if(visibility_map) {

@@ -1,5 +1,5 @@
-//! Sums of samples without noise: what denoisers take from them, and the channels of what they give, whether the samples
-//! are those of a render or of merged pieces.
+//! Sums of samples without noise: what denoisers take from them, and the channels of what they give, whether the
+//! samples are those of a render or of merged pieces.
 
 use glam::DVec4;
 use kernel_kit::Gpu;
