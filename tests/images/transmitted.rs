@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3, Vec4};
 use penumbra::internal::scene::{
     DiffuseTransmission, Dispersion, Material, Medium, Panorama, Specular, Transmission, Volume,
 };
@@ -202,8 +202,34 @@ fn volumes_within_volumes() {
     let plate = (square, Material { medium: Some(medium), ..plate });
     let narrow = camera(DVec3::new(0.0, 0.0, 1.5), DVec3::NEG_Z, 0.02);
     let meshes = [(cube(DVec3::ZERO, 0.5), clear), plate];
-    let (rendered, _) = render_scene(under(&meshes, &even), &narrow, &settings(Technique::PATH, 16));
-    let (mean, _) = mean_and_error(&rendered, "G");
-    // 0.5 deep, which is two distances.
-    assert!((mean - 0.25).abs() < 1e-3, "{mean}");
+    for technique in [Technique::PATH, Technique::TWO_PASS] {
+        let (rendered, _) = render_scene(under(&meshes, &even), &narrow, &settings(technique, 16));
+        let (mean, _) = mean_and_error(&rendered, "G");
+        // 0.5 deep, which is two distances.
+        assert!((mean - 0.25).abs() < 1e-3, "{technique}: {mean}");
+    }
+}
+
+/// The camera sees unlit surfaces in mirrors, whatever the technique, without any light too. Rough surfaces are not lit
+/// by them.
+#[test]
+fn mirrors_show_unlit_surfaces() {
+    let metal = |roughness| Material { metallic: 1.0, roughness, ..surface(1.0, 0.0) };
+    let plate = || {
+        let (colour, at) = (Vec4::new(0.5, 0.25, 0.125, 1.0), DVec3::new(0.0, 0.0, 2.0));
+        (square(at, DVec3::X, -DVec3::Y), Material { unlit: true, base_colour: colour, ..surface(1.0, 0.0) })
+    };
+    let view = camera(DVec3::new(0.0, 0.0, 1.0), DVec3::NEG_Z, 0.2);
+    for (roughness, shown) in [(0.0, [0.5, 0.25, 0.125]), (0.5, [0.0; 3])] {
+        let mirror = (square(DVec3::ZERO, DVec3::X, DVec3::Y), metal(roughness));
+        let scene = scene(&[mirror, plate()], Vec::new());
+        for technique in [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
+            let (rendered, _) = render_scene(scene.clone(), &view, &settings(technique, 4));
+            for (channel, shown) in ["R", "G", "B"].into_iter().zip(shown) {
+                let (mean, _) = mean_and_error(&rendered, channel);
+                // The reflectance of the mirror is 1 within the error of half floats, and the colour is linear.
+                assert!((mean - shown).abs() < 1e-3, "{technique}, roughness {roughness}: {channel} is {mean}");
+            }
+        }
+    }
 }
