@@ -24,6 +24,8 @@ import package::lib::cell_class::{
 import package::lib::grid::{GridShape, cell_centre, cell_index, cell_of, nearest};
 @if(exact_counts) import package::lib::photon_search::class_by_search;
 @if(fine_cells) import package::lib::fine_cell::{fine_class, store_rays};
+@if(fine_cells && shown_cells) import package::lib::fine_cell::{FINE_CELL_ABSENT, cell_level, hash_cell};
+@if(visibility_map && shown_cells) import package::lib::rng::hash1;
 @if(dark_points) import package::lib::light::light_dark;
 @if((visibility_map || fine_cells) && environment) import package::lib::light::environment::is_environment;
 import package::lib::sampled_light::candidate_light;
@@ -31,6 +33,9 @@ import package::lib::point::Point;
 import package::lib::visible_point::load_point;
 import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_position, tile_rows, tile_sample};
 @if(adaptive_sampling) import package::lib::constants::NOT_SAMPLED;
+@if(shown_cells) import package::lib::constants::{CELL_HASH_SHIFT, CELL_KIND_SHIFT, CELL_LEVEL_SHIFT};
+@if(fine_cells && shown_cells) import package::lib::constants::CELL_FINE;
+@if(visibility_map && shown_cells) import package::lib::constants::{CELL_MAP, CELL_REQUESTED};
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_AUDITED, COUNTER_DARK,
     COUNTER_NEAR, COUNTER_NEAR_AUDITED, INVALID_POINT, NO_SAMPLED_LIGHT, QUEUE_ARGUMENT_WORDS, QUEUE_AUDIT,
@@ -132,9 +137,9 @@ fn class_without_map(candidate: u32) -> u32 {
     }
     @if(fine_cells) {
         let fine = fine_class(light, point.position, normal);
-        if is_decided(fine.class_) { return decided_word(fine.class_, fine.place); }
+        if is_decided(fine.class_) { return decided_word(fine.class_, fine.nearness); }
         // Shadow rays know more of a divided cell than the map does.
-        if fine.place != AWAY { return boundary_word(fine.visibility, nearest); }
+        if fine.nearness != AWAY { return boundary_word(fine.visibility, nearest); }
     }
     @if(visibility_map) { return UNDECIDED; }
     @else { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
@@ -142,10 +147,10 @@ fn class_without_map(candidate: u32) -> u32 {
 
 // The word of a candidate in a lit or shadowed cell.
 @if(visibility_map || fine_cells)
-fn decided_word(class_: u32, place: u32) -> u32 {
+fn decided_word(class_: u32, nearness: u32) -> u32 {
     var word = class_word(CLASS_LIT, nearest, 0u, 1.0);
     if class_ == CLASS_SHADOWED { word = class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
-    return word_at(word, place);
+    return word_at(word, nearness);
 }
 
 // The classes of the queued candidates whose cell has one that holds; the others request one.
@@ -487,6 +492,59 @@ fn compact(
         there = is_candidate(candidate);
     }
     enqueue(candidate, word, there, lane);
+}
+
+// For each point of a tile the cell that decides it for the light `first_light`, as `ShownCell` of the host has it: for
+// those who look at the cells. Changes none of them.
+@if(shown_cells)
+@compute @workgroup_size(64)
+fn show_cells(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
+    if i >= classify_pass.candidate_count { return; }
+    let point = load_point(i);
+    var word = CLASS_DARK;
+    if point.normal != INVALID_POINT {
+        word = cell_word_at(classify_pass.first_light, point.position, oct_decode16(point.normal));
+    }
+    atomicStore(&classes[i], word);
+}
+
+@if(shown_cells)
+fn cell_word_at(light: u32, position: vec3f, normal: vec3f) -> u32 {
+    // Without any cell.
+    var word = CLASS_UNKNOWN;
+    @if(fine_cells) {
+        let fine = fine_class(light, position, normal);
+        let level = cell_level(fine.cell.kind);
+        let hash = hash_cell(vec4u(bitcast<vec3u>(fine.cell.index), fine.cell.kind)).x;
+        let fine_word = cell_word(fine.class_, CELL_FINE, level, hash);
+        if is_decided(fine.class_) || fine.nearness != AWAY { return fine_word; }
+        if fine.entry != FINE_CELL_ABSENT { word = fine_word; }
+    }
+    @if(visibility_map) {
+        var cell = cell_class_at(light, position, normal);
+        var kind = CELL_MAP;
+        if cell.reach == 0.0 {
+            cell = requested_class_at(light, position, normal);
+            kind = CELL_REQUESTED;
+        }
+        if cell.reach > 0.0 {
+            // Where nothing but the reach is certain, points are boundaries.
+            let class_ = select(cell.class_, CLASS_BOUNDARY, cell.class_ == CLASS_DARK);
+            let index = cell_index(classify_pass.grid, light, cell_of(classify_pass.grid, position));
+            word = cell_word(class_, kind, 0u, hash1(index));
+        }
+    }
+    return word;
+}
+
+@if(shown_cells)
+fn cell_word(class_: u32, kind: u32, level: u32, hash: u32) -> u32 {
+    return class_ | (kind << CELL_KIND_SHIFT) | (level << CELL_LEVEL_SHIFT) | (hash << CELL_HASH_SHIFT);
 }
 
 // Makes a queue's length into the arguments of an indirect dispatch.

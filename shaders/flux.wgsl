@@ -20,6 +20,7 @@ import package::lib::ray::{NO_HIT, Ray, RaySample, offset_origin};
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::{sobol2, sobol4};
 import package::lib::surface::{SurfaceHit, surface_at};
+@if(dispersion) import package::lib::wavelength::{begin_wavelengths, carry};
 @if(negative_photons) import package::lib::surface::ray_behind;
 import package::lib::constants::{DIMENSION_FLUX, MAX_FLUX};
 import package::lib::constants::{FLUX_CLIPPED, FLUX_COUNTS, FLUX_NOT_FINITE, FLUX_OVERRUNS, FLUX_STORED, FLUX_TRACED};
@@ -158,6 +159,7 @@ fn flux(
     var leaving = FluxRay(emitted.origin, emitted.normal, emitted.direction, share);
     var goes_on = there;
     var rays = 0u;
+    @if(dispersion) { begin_wavelengths(seed, ray - first, vec3f(1.0)); }
     for (var bounce = 0u; ; bounce++) {
         var here = no_ray();
         if goes_on {
@@ -170,6 +172,7 @@ fn flux(
         let xi = vec2f(uniform_from_bits(hash2(bounce_seed, 1u)), uniform_from_bits(hash2(bounce_seed, 2u)));
         var found: SurfaceHit;
         if goes_on {
+            @if(dispersion) { carry(leaving.flux); }
             found = surface_at(hit, here);
             if bounce == 0u { leaving.flux *= flux_window(light, hit.t); }
             @if(transmission) { leaving.flux *= found.transmittance; }

@@ -21,6 +21,8 @@ import package::lib::visible_point::{load_point, load_surface};
 import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, offset_origin};
 import package::lib::record::RECORD_VALUE_TEXELS;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
+@if(dispersion) import package::lib::rng::hash1;
+@if(dispersion) import package::lib::wavelength::begin_wavelengths;
 import package::lib::surface::{SurfaceHit, surface_at};
 import package::lib::constants::{DIMENSION_GATHER, GATHER_GROUP, MIN_RADIUS_PIXELS, RECORD_HEAD_TEXELS};
 import package::lib::constants::{COUNTER_GATHER_RAYS, COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_GATHER, COUNTER_OVERRUN};
@@ -117,6 +119,7 @@ fn gather(
     var radiance = vec4f(0.0, 0.0, 0.0, NO_DISTANCE);
     if hit.triangle != NO_HIT {
         radiance.w = hit.t;
+        @if(dispersion) { begin_wavelengths(gathering.seed, hash1(gathering.stratum), vec3f(1.0)); }
         let found = surface_at(hit, gathering.ray);
         if !found.unlit {
             let known = irradiance_near(found.triangle_position, found.triangle_normal);
@@ -165,6 +168,7 @@ fn follow(
         id = follow_rays[i] & ~FOLLOW_RESIDUAL;
         words = follow_hits[i];
         gathering = gather_ray(id);
+        @if(dispersion) { begin_wavelengths(gathering.seed, hash1(gathering.stratum), vec3f(1.0)); }
         found = surface_at(Hit(words.x, words.y, words.z, bitcast<u32>(words.w)), gathering.ray);
         vertex.position = found.position;
         vertex.surface = found.surface;

@@ -20,6 +20,7 @@ import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
 import package::lib::visible_point::{load_point, load_surface, visible_surface};
 @if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::rng::hash2;
+@if(dispersion) import package::lib::wavelength::begin_wavelengths;
 import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, PATH_GROUP, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS};
 import package::lib::constants::{COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_PATH, COUNTER_OVERRUN};
 
@@ -120,6 +121,11 @@ fn radiance_along(i: u32, begins: bool, lane: u32) -> PathRadiance {
     @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
     let start = PathStart(begins, 0u, 0.0);
+    @if(dispersion) {
+        var before = vec3f(1.0);
+        @if(specular_chains) { before = visible_chain(surface, point).throughput; }
+        begin_wavelengths(pixel_seed(parameters.tile, i), vertex.sample_index, before);
+    }
     var found = trace_path(vertex, start, seed, parameters.max_bounces, parameters.light_samples, lane);
     // A sample that is not finite stays so, and is counted.
     if is_finite3(found.indirect) { found.indirect = min(found.indirect, vec3f(parameters.max_indirect)); }

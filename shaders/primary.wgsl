@@ -19,6 +19,8 @@ import package::lib::ray::{NO_HIT, RaySample};
 import package::lib::surface::{SurfaceHit, surface_at};
 import package::lib::math::{is_finite4, oct_encode16, invalid_sample};
 import package::lib::rng::hash2;
+@if(dispersion) import package::lib::wavelength::begin_wavelengths;
+@if(dispersion && specular_chains) import package::lib::wavelength::carry;
 import package::lib::sampling::sobol2;
 @if(specular_chains) import package::lib::sampling::sobol1;
 import package::lib::bsdf::surface::pack_surface;
@@ -68,6 +70,7 @@ fn primary(
     @if(aov_albedo) var albedo = vec4f(0.0);
     @if(aov_normal) var normal = vec4f(0.0);
     @if(aov_position) var position = vec4f(0.0);
+    @if(dispersion) { begin_wavelengths(seed, sample_index, vec3f(1.0)); }
     if met {
         found = surface_at(hit, camera.ray);
         direct = vec4f(found.emission, 1.0);
@@ -170,6 +173,7 @@ fn chain_from(
         }
         goes_on &= !ends;
         if goes_on {
+            @if(dispersion) { carry(throughput); }
             *found = surface_at(hit, ray);
             @if(transmission) { throughput *= (*found).transmittance; }
             *direct += vec4f(throughput * (*found).emission, 0.0);

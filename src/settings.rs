@@ -262,7 +262,9 @@ impl Settings {
 
     /// Whether the film keeps what tells the error of the image.
     pub(crate) fn estimates_error(&self) -> bool {
-        self.image.spp > 1 && (self.image.denoise != Denoise::None || self.image.noise.is_some())
+        let is_requested = self.image.denoise != Denoise::None || self.image.noise.is_some();
+        // A piece leaves that to the merged image.
+        self.image.spp > 1 && is_requested && self.image.piece.is_none()
     }
 
     /// Whether the shadow rays of earlier samples decide where the map does not: not where what its photons tell is
@@ -368,9 +370,6 @@ impl Settings {
         if self.image.noise.is_some() {
             let problem = format!("{with} which pixels get samples would depend on those of other pieces");
             return refuse("image.noise", problem);
-        }
-        if self.image.denoise != Denoise::None {
-            return refuse("image.denoise", format!("{with} a denoiser needs the samples of all pieces"));
         }
         if self.technique.requirements().visibility == technique::Visibility::Adaptive {
             let problem = format!("{with} {} learns from earlier samples", self.technique);

@@ -111,7 +111,8 @@ def render(
     todo = (Piece(number, samples, crop) for number in numbers for samples, crop in cuts)
     digits = max(_DIGITS, *(len(str(number)) for number in numbers))
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
-        assembly = _Assembly(output, digits, len(cuts), cuts == [(None, None)], pathlib.Path(folder))
+        kept = {name: settings[name] for name in ("denoise", "oidn_library", "device") if name in settings}
+        assembly = _Assembly(output, digits, len(cuts), cuts == [(None, None)], pathlib.Path(folder), kept)
         done: list[Rendered] = []
         pending: dict[ray.ObjectRef[Any], Piece] = {}
         try:
@@ -148,12 +149,15 @@ def _get(reference: ray.ObjectRef[Any]) -> tuple[bytes, dict[str, Any], str]:
 class _Assembly:
     """The pieces that have come, as files, until their frame is complete."""
 
-    def __init__(self, output: str, digits: int, cuts: int, whole: bool, folder: pathlib.Path) -> None:
+    def __init__(
+        self, output: str, digits: int, cuts: int, whole: bool, folder: pathlib.Path, denoise: dict[str, Any]
+    ) -> None:
         self.output = output
         self.digits = digits
         self.cuts = cuts
         self.whole = whole
         self.folder = folder
+        self.denoise = denoise
         self.files: dict[int | None, list[pathlib.Path]] = {}
 
     def add(self, piece: Piece, data: bytes) -> None:
@@ -166,7 +170,7 @@ class _Assembly:
         if self.whole:
             penumbra.read(files[0]).save(name)
         else:
-            penumbra.merge(files).save(name)
+            penumbra.merge(files, **self.denoise).save(name)
         for file in self.files.pop(piece.frame):
             file.unlink()
 

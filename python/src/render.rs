@@ -128,7 +128,10 @@ fn interrupted(py: Python<'_>, stop: PyErr, result: Option<RenderResult>) -> PyR
 fn render(job: &Job, time: Option<Duration>, notes: &mut Vec<String>) -> Result<Done, Failure> {
     let started = Instant::now();
     let failed = |error| Failure { error, salvage: None };
-    let denoiser = Denoiser::new(job.settings.image.denoise, job.oidn_library.as_deref()).map_err(failed)?;
+    // A piece keeps what the denoisers of the merged image need.
+    let is_piece = job.settings.image.piece.is_some();
+    let choice = if is_piece { Denoise::None } else { job.settings.image.denoise };
+    let denoiser = Denoiser::new(choice, job.oidn_library.as_deref()).map_err(failed)?;
     let shared = open(&job.device).map_err(failed)?;
     let mut device = lock(&shared);
     let start = started.elapsed().as_secs_f64();

@@ -2,12 +2,14 @@
 
 use std::path::PathBuf;
 
-use penumbra::{Image, Metadata, Pieces, Statistics, View};
+use penumbra::settings::Denoise;
+use penumbra::{Denoiser, Image, Metadata, Pieces, Statistics, View};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::arrays;
+use crate::device::{choice, lock, open};
 use crate::error::{error, of_library};
 
 /// What a render gives, or an image file.
@@ -149,10 +151,20 @@ pub fn read(py: Python<'_>, path: PathBuf) -> PyResult<RenderResult> {
 }
 
 /// Puts pieces together, the .exr files of renders with `samples`, in any order: for every cut, the bits are those of
-/// one piece with all samples. Missing samples are an error, or with `partial` left out.
+/// one piece with all samples. Missing samples are an error, or with `partial` left out. `denoise` removes noise, from
+/// pieces of renders with `denoise`, on `device`.
 #[pyfunction]
-#[pyo3(signature = (pieces, *, partial = false))]
-pub fn merge(py: Python<'_>, pieces: Vec<PathBuf>, partial: bool) -> PyResult<RenderResult> {
+#[pyo3(signature = (pieces, *, partial = false, denoise = None, oidn_library = None, device = None))]
+pub fn merge(
+    py: Python<'_>,
+    pieces: Vec<PathBuf>,
+    partial: bool,
+    denoise: Option<&str>,
+    oidn_library: Option<PathBuf>,
+    device: Option<&Bound<'_, PyAny>>,
+) -> PyResult<RenderResult> {
+    let denoise = denoise.map_or(Ok(Denoise::None), str::parse).map_err(|problem| error(&problem))?;
+    let device = choice(device)?;
     let merge = || {
         let files = Pieces::open(&pieces)?;
         match files.missing().first() {
@@ -160,7 +172,13 @@ pub fn merge(py: Python<'_>, pieces: Vec<PathBuf>, partial: bool) -> PyResult<Re
                 let problem = format!("{missing} are in no piece; partial=True gives what is there");
                 Err(penumbra::Error::input(&pieces[0], "pieces", problem))
             }
-            _ => files.merge(),
+            _ if denoise == Denoise::None => files.merge(),
+            _ => {
+                let denoiser = Denoiser::new(denoise, oidn_library.as_deref())?;
+                let shared = open(&device)?;
+                let device = lock(&shared);
+                files.merge_denoised(&device, &denoiser)
+            }
         }
     };
     let image = py.detach(merge).map_err(of_library)?;

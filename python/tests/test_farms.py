@@ -39,20 +39,24 @@ echo 1
 """
 
 
-def test_a_slurm_array_renders_and_merges(scenes, device, tmp_path):
-    bin = tmp_path / "bin"
+def slurm(folder):
+    """The environment with the stand-in, which writes its calls to `log`."""
+    bin = folder / "bin"
     bin.mkdir()
     (bin / "sbatch").write_text(SBATCH)
     (bin / "sbatch").chmod(0o755)
-    log = tmp_path / "log"
-    environment = os.environ | {"PATH": f"{bin}:{os.environ['PATH']}", "PENUMBRA": PROGRAM, "LOG": str(log)}
+    return os.environ | {"PATH": f"{bin}:{os.environ['PATH']}", "PENUMBRA": PROGRAM, "LOG": str(folder / "log")}
+
+
+def test_a_slurm_array_renders_and_merges(scenes, device, tmp_path):
+    environment = slurm(tmp_path)
     output = tmp_path / "an image.exr"
     script = scenes.parent / "scripts/farm/slurm"
-    sizes = ["--pieces", "3", "--spp", "7", "--sbatch", "--time=60 --gres=gpu:1"]
+    sizes = ["--ranges", "3", "--spp", "7", "--sbatch", "--time=60 --gres=gpu:1"]
     command = [script, *sizes, scenes / "box.glb", output, *FLAGS, "--device", device]
     subprocess.run(command, check=True, env=environment)
     assert penumbra.read(output).image.tobytes() == expected(scenes, device, tmp_path, 7)
-    calls = log.read_text().splitlines()
+    calls = (tmp_path / "log").read_text().splitlines()
     assert len(calls) == 2 and "--array=0-2 --time=60 --gres=gpu:1" in calls[0] and "afterok:1" in calls[1]
     pieces = tmp_path / "an image.exr.pieces"
     names = [f"{piece}.{kind}" for piece in range(3) for kind in ("exr", "json")]
@@ -69,8 +73,28 @@ def test_a_slurm_array_renders_and_merges(scenes, device, tmp_path):
     (pieces / "2.exr").unlink()
     failed = subprocess.run([*command, "--nearest", "0"], env=environment, capture_output=True, text=True)
     assert failed.returncode != 0 and "--nearest" in failed.stderr and not output.exists()
-    usage = subprocess.run([script, "--pieces", "9", "--spp", "4", "x.glb", "y.exr"], capture_output=True, text=True)
-    assert usage.returncode == 2 and "from 1 to 4" in usage.stderr
+    for wrong, message in [
+        ("--ranges 9 --spp 4 x.glb y.exr", "from 1 to 4"),
+        ("--tiles 2x2 x.glb y.exr --width 8", "--width and --height"),
+        ("--tiles 2 x.glb y.exr --width 8 --height 8", "columns and rows"),
+        ("--tiles 9x2 x.glb y.exr --width=8 --height=8", "a pixel of 8 x 8"),
+        ("--ranges 2 x.glb y.exr --crop 0,0,4,4", "cut the image"),
+        ("x.glb y.exr --samples=0..4", "cut the image"),
+    ]:
+        usage = subprocess.run([script, *wrong.split()], capture_output=True, text=True)
+        assert usage.returncode == 2 and message in usage.stderr, (wrong, usage)
+
+
+def test_a_slurm_array_cuts_tiles(scenes, device, tmp_path):
+    """Each tile has a task for each range; neither cut is in equal parts."""
+    environment = slurm(tmp_path)
+    output = tmp_path / "tiles.exr"
+    script = scenes.parent / "scripts/farm/slurm"
+    sizes = ["--tiles", "3x2", "--ranges", "2", "--spp", "5"]
+    subprocess.run([script, *sizes, scenes / "box.glb", output, *FLAGS, "--device", device], check=True, env=environment)
+    assert penumbra.read(output).image.tobytes() == expected(scenes, device, tmp_path, 5)
+    calls = (tmp_path / "log").read_text().splitlines()
+    assert len(calls) == 2 and "--array=0-11" in calls[0]
 
 
 # Compiles a job as the manager does, and prints its tasks.
@@ -108,19 +132,35 @@ def test_a_flamenco_job_renders_and_merges(scenes, device, tmp_path):
         command = ["node", "-e", MANAGER, script, json.dumps(settings)]
         return subprocess.run(command, capture_output=True, text=True)
 
-    output = tmp_path / "whole.exr"
-    flags = " ".join([*FLAGS, "--device", device])
-    tasks = json.loads(compile(output=str(output), spp=5, pieces=2, flags=flags).stdout)
-    assert [task["name"] for task in tasks] == ["samples 0..2", "samples 2..5", "merge"]
-    assert tasks[2]["dependencies"] == ["samples 0..2", "samples 2..5"]
-    for task in tasks:
-        for command in task["commands"]:
+    def run(tasks):
+        for command in (command for task in tasks for command in task["commands"]):
             assert command["name"] == "exec"
             subprocess.run([command["parameters"]["exe"], *command["parameters"]["args"]], check=True)
+
+    output = tmp_path / "whole.exr"
+    flags = " ".join([*FLAGS, "--device", device])
+    tasks = json.loads(compile(output=str(output), spp=5, ranges=2, flags=flags).stdout)
+    assert [task["name"] for task in tasks] == ["samples 0..2", "samples 2..5", "merge"]
+    assert tasks[2]["dependencies"] == ["samples 0..2", "samples 2..5"]
+    run(tasks)
     assert penumbra.read(output).image.tobytes() == expected(scenes, device, tmp_path, 5)
+    output.unlink()
+    # Tiles, of which no two are equal.
+    tasks = json.loads(compile(output=str(output), spp=3, ranges=2, columns=3, rows=1, flags=flags).stdout)
+    assert len(tasks) == 7 and tasks[1]["name"] == "samples 0..1 of 10,0,11,24"
+    run(tasks)
+    assert penumbra.read(output).image.tobytes() == expected(scenes, device, tmp_path, 3)
 
     frames = json.loads(compile(output="f.{frame}.png", frames="0-7,9", fps=12).stdout)
     arguments = [task["commands"][0]["parameters"]["args"] for task in frames]
     assert ["--frames", "0..7", "--fps", "12"] == arguments[0][-4:] and "9..9" in arguments[1]
-    for wrong in [{"frames": "0-7"}, {"frames": "0-7", "pieces": 2}, {"pieces": 3, "spp": 2}]:
-        assert compile(output="f.exr", **wrong).returncode != 0
+    for wrong in [
+        {"frames": "0-7"},
+        {"frames": "0-7", "ranges": 2},
+        {"ranges": 3, "spp": 2},
+        {"ranges": 0},
+        {"columns": 2, "flags": "--width 8"},
+        {"columns": 9, "flags": "--width 8 --height=8"},
+        {"ranges": 2, "flags": "--crop 0,0,4,4"},
+    ]:
+        assert compile(output="f.exr", **wrong).returncode != 0, wrong

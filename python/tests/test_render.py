@@ -177,4 +177,22 @@ def test_pieces_are_merged_to_the_bits_of_one(box, device, tmp_path):
     assert numpy.array_equal(partial.image[:, :9], one.image[:, :9])
     assert not numpy.array_equal(partial.image, one.image)
     with pytest.raises(penumbra.Error, match="denoise"):
-        box.render(**settings, samples=(0, 1), denoise="statistical")
+        penumbra.merge([names["one"]], denoise="statistical", device=device)
+
+
+def test_merged_pieces_are_denoised_as_one_render(box, device, tmp_path):
+    settings = {"width": 24, "height": 16, "spp": 8, "max_bounces": 0, "denoise": "statistical", "device": device}
+
+    def merged(*cuts):
+        names = []
+        for start, end in cuts:
+            names.append(tmp_path / f"{start}-{end}.exr")
+            piece = box.render(**settings, samples=(start, end))
+            assert piece.denoised is None
+            piece.save(names[-1])
+        return penumbra.merge(names, denoise="statistical", device=device)
+
+    cut, whole = merged((4, 8), (0, 4)), merged((0, 8))
+    assert cut.image.tobytes() == whole.image.tobytes()
+    assert cut.denoised.tobytes() == whole.denoised.tobytes()
+    assert cut.denoised.tobytes() != cut.image.tobytes()

@@ -1,5 +1,5 @@
 // A job type for Flamenco 3 (https://flamenco.blender.org): copy it to the folder `scripts` beside the manager. It renders
-// the frames of an animation, or, if `pieces` is more than 1, one image in as many pieces that a last task merges.
+// the frames of an animation, or one image in pieces that a last task merges: ranges of its samples, tiles, or both.
 
 const JOB_TYPE = {
     label: "Penumbra",
@@ -15,8 +15,13 @@ const JOB_TYPE = {
         { key: "chunk_size", type: "int32", default: 8, description: "Frames of a task; they share kernels" },
         { key: "spp", type: "int32", default: 64, description: "Samples per pixel" },
         {
-            key: "pieces", type: "int32", default: 1,
-            description: "Tasks of a single image, each with its share of the samples; then merged to an .exr",
+            key: "ranges", type: "int32", default: 1,
+            description: "Ranges that the samples of a single image are cut into; then merged to an .exr",
+        },
+        { key: "columns", type: "int32", default: 1, description: "Columns of tiles that a single image is cut into" },
+        {
+            key: "rows", type: "int32", default: 1,
+            description: "Rows of tiles; tiles need --width and --height among the flags",
         },
         { key: "flags", type: "string", default: "", description: "Further flags of penumbra render" },
         { key: "penumbra", type: "string", default: "penumbra", description: "The program on the workers" },
@@ -25,15 +30,19 @@ const JOB_TYPE = {
 
 function compileJob(job) {
     const settings = job.settings;
-    if (settings.frames && settings.pieces > 1) {
-        throw "pieces are of a single image: leave frames empty, or let pieces be 1";
+    const pieces = settings.ranges * settings.columns * settings.rows;
+    if (!(Math.min(settings.ranges, settings.columns, settings.rows) >= 1)) {
+        throw "ranges, columns and rows are at least 1";
     }
-    if (settings.pieces > settings.spp) {
-        throw "there cannot be more pieces than samples";
+    if (settings.frames && pieces > 1) {
+        throw "pieces are of a single image: leave frames empty, or let ranges, columns and rows be 1";
+    }
+    if (settings.ranges > settings.spp) {
+        throw "there cannot be more ranges than samples";
     }
     if (settings.frames) {
         renderFrames(job, settings);
-    } else if (settings.pieces > 1) {
+    } else if (pieces > 1) {
         renderPieces(job, settings);
     } else {
         add(job, "render", [render(settings, settings.output, [])]);
@@ -42,8 +51,12 @@ function compileJob(job) {
 
 // A call of `penumbra render`.
 function render(settings, output, flags) {
-    const further = settings.flags.split(" ").filter((flag) => flag.length > 0);
-    return call(settings, ["render", settings.scene, "-o", output, "--spp", String(settings.spp)].concat(flags, further));
+    const own = ["render", settings.scene, "-o", output, "--spp", String(settings.spp)];
+    return call(settings, own.concat(flags, further(settings)));
+}
+
+function further(settings) {
+    return settings.flags.split(" ").filter((flag) => flag.length > 0);
 }
 
 function call(settings, args) {
@@ -74,17 +87,63 @@ function renderFrames(job, settings) {
 }
 
 function renderPieces(job, settings) {
+    const crops = tiles(settings);
     const files = [];
     const tasks = [];
-    const first = (piece) => Math.floor((settings.spp * piece) / settings.pieces);
-    for (let piece = 0; piece < settings.pieces; piece++) {
-        const file = settings.output + "." + piece + ".exr";
-        const samples = first(piece) + ".." + first(piece + 1);
-        files.push(file);
-        tasks.push(add(job, "samples " + samples, [render(settings, file, ["--samples", samples])]));
+    for (let samples of spans(settings.spp, settings.ranges)) {
+        for (let crop of crops) {
+            const file = settings.output + "." + files.length + ".exr";
+            const range = samples[0] + ".." + samples[1];
+            const cut = ["--samples", range].concat(crop ? ["--crop", crop] : []);
+            const name = "samples " + range + (crop ? " of " + crop : "");
+            files.push(file);
+            tasks.push(add(job, name, [render(settings, file, cut)]));
+        }
     }
     const merge = author.Task("merge", "misc");
     merge.addCommand(call(settings, ["merge"].concat(files, ["-o", settings.output])));
     tasks.forEach((task) => merge.addDependency(task));
     job.addTask(merge);
+}
+
+// The tiles of the image, as values of --crop; a null stands for all of it.
+function tiles(settings) {
+    if (further(settings).some((flag) => /^--(crop|samples)(=|$)/.test(flag))) {
+        throw "ranges, columns and rows cut the image: --crop and --samples cannot be among the flags";
+    }
+    if (settings.columns * settings.rows === 1) {
+        return [null];
+    }
+    const width = size(settings, "--width");
+    const height = size(settings, "--height");
+    if (!(settings.columns <= width && settings.rows <= height)) {
+        throw "tiles need --width and --height among the flags, and a pixel each";
+    }
+    const crops = [];
+    for (let y of spans(height, settings.rows)) {
+        for (let x of spans(width, settings.columns)) {
+            crops.push([x[0], y[0], x[1] - x[0], y[1] - y[0]].join(","));
+        }
+    }
+    return crops;
+}
+
+// The number that a flag has, in one word or in two; NaN if it is not there.
+function size(settings, name) {
+    const flags = further(settings);
+    for (let i = 0; i < flags.length; i++) {
+        if (flags[i] === name) {
+            return Number(flags[i + 1]);
+        }
+        if (flags[i].startsWith(name + "=")) {
+            return Number(flags[i].slice(name.length + 1));
+        }
+    }
+    return NaN;
+}
+
+// A length in equal parts: where each begins and ends.
+function spans(length, parts) {
+    const edge = (part) => Math.floor((length * part) / parts);
+    return Array.from({ length: parts }, (_, part) => [edge(part), edge(part + 1)]);
 }

@@ -5,6 +5,10 @@
 
 import package::lib::bsdf::diffuse::{diffuse_density, diffuse_value};
 import package::lib::bsdf::surface::Surface;
+@if(transmission) import package::lib::bsdf::surface::passes_light;
+@if(diffuse_transmission) import package::lib::bsdf::diffuse_transmission::{
+    diffuse_transmission_is_present, diffusely_passing_share,
+};
 import package::lib::math::{PI, basis};
 import package::lib::sampling::sample_cosine;
 @if(glossy) import package::lib::bsdf::lobe::LayerPair;
@@ -39,7 +43,7 @@ fn bsdf_faces(s: Surface, direction: vec3f) -> bool {
 @if(transmission)
 fn bsdf_passes(s: Surface, direction: vec3f) -> bool {
     let behind = dot(direction, s.geometric_normal) < 0.0 && dot(direction, s.shading_normal) < 0.0;
-    return transmission_is_present(s.transmission) && behind;
+    return passes_light(s) && behind;
 }
 
 // The geometric normal on the side into which the direction leaves.
@@ -151,6 +155,12 @@ fn glossy_layers_value(s: Surface, pair: LayerPair, faced: bool) -> vec3f {
     return value;
 }
 
+// The BSDF of the base for light from the other side that it scatters.
+@if(diffuse_transmission)
+fn diffusely_passed(s: Surface, local: LocalPair) -> vec3f {
+    return diffuse_value(s.diffuse_transmission.tint) * through_microfacets(s, -local.light.z, local.view.z);
+}
+
 // The BSDF less its diffuse part, times the cosine, for light from the unit `direction`. Negative where the layers take
 // more light from the base than they reflect in this direction. Each lobe uses the cosine to its own normal, as
 // KHR_materials_clearcoat does: a coat with a normal of its own then reflects no more than one with the base's normal.
@@ -161,7 +171,8 @@ fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
             if bsdf_passes(s, direction) {
                 let found = passing(s.transmission, pair.local);
                 let share = transmittance(s, dot(pair.local.view, found.normal));
-                let value = share * passing_value(s.transmission, found, pair.local);
+                var value = share * passing_value(s.transmission, found, pair.local);
+                @if(diffuse_transmission) { value += diffusely_passed(s, pair.local); }
                 return value * through_layers(s, pair) * -pair.local.light.z;
             }
         }
@@ -186,14 +197,22 @@ fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
 
 // ---- Where paths end and go on
 
+// Whether the surface reflects as a metal or a film does, or refracts.
+@if(glossy)
+fn reflects_or_refracts(s: Surface) -> bool {
+    var more = is_metallic(s.specular);
+    // The colours of a film depend on the direction: a mean cannot represent them.
+    @each(film) { more = more || NAME_is_present(s.NAME); }
+    @if(transmission) { more = more || transmission_is_present(s.transmission); }
+    return more;
+}
+
 // Whether a path that ends here by a look-up would lose light that must be traced: the reflection of a metal, or
 // transmitted light.
 fn reflects_more(s: Surface) -> bool {
     @if(glossy) {
-        var more = is_metallic(s.specular);
-        // The colours of a film depend on the direction: a mean cannot represent them.
-        @each(film) { more = more || NAME_is_present(s.NAME); }
-        @if(transmission) { more = more || transmission_is_present(s.transmission); }
+        var more = reflects_or_refracts(s);
+        @if(transmission) { more = more || passes_light(s); }
         return more;
     }
     @else { return false; }
@@ -205,6 +224,7 @@ fn is_clear(s: Surface) -> bool {
     var clear = s.specular.alpha <= MIN_ALPHA && all(s.albedo == vec3f(0.0)) && reflects_more(s);
     @each(layer) { clear = clear && !NAME_is_present(s.NAME); }
     @each(spread) { clear = clear && !NAME_is_present(s.NAME); }
+    @if(diffuse_transmission) { clear = clear && !diffuse_transmission_is_present(s.diffuse_transmission); }
     return clear;
 }
 
@@ -215,7 +235,7 @@ fn is_clear(s: Surface) -> bool {
 // of focusing surfaces only.
 @if(caustics)
 fn focuses(s: Surface) -> bool {
-    var focusing = reflects_more(s) && s.specular.alpha <= focusing_alpha;
+    var focusing = reflects_or_refracts(s) && s.specular.alpha <= focusing_alpha;
     @if(transmission) { focusing = focusing || transmission_is_present(s.transmission); }
     return focusing;
 }
@@ -257,7 +277,9 @@ fn lobe_chances(s: Surface, pair: LayerPair) -> LobeChances {
     let view_z = pair.local.view.z;
     var specular = dot(reflectance(s, view_z), vec3f(1.0));
     @if(transmission) { specular += dot(transmittance(s, view_z), vec3f(1.0)); }
-    let diffuse = dot(s.albedo, vec3f(1.0)) * through_microfacets(s, view_z, view_z);
+    var base = s.albedo;
+    @if(diffuse_transmission) { base += s.diffuse_transmission.tint; }
+    let diffuse = dot(base, vec3f(1.0)) * through_microfacets(s, view_z, view_z);
     // No probability below a tenth, which bounds the weights of samples to ten times their value.
     var share = clamp(specular / max(specular + diffuse, 1e-30), 0.1, 0.9);
     share = select(select(share, 0.0, specular <= 0.0), 1.0, diffuse <= 0.0);
@@ -286,6 +308,14 @@ fn passing_share(s: Surface, cosine: f32) -> f32 {
     return passes / max(passes + dot(reflectance(s, cosine), vec3f(1.0)), 1e-30);
 }
 
+// The probability of sampling the diffuse base.
+@if(glossy)
+fn diffuse_chance(chances: LobeChances) -> f32 {
+    var diffuse = 1.0 - chances.microfacets;
+    @each_from_top(layer) { diffuse -= chances.NAME; }
+    return max(diffuse, 0.0);
+}
+
 struct BsdfSample {
     // Unit vector, away from the surface.
     direction: vec3f,
@@ -295,7 +325,7 @@ struct BsdfSample {
     pdf: f32,
     // The change of radiance over that of flux: refraction into a medium of another index scales radiance, but not a
     // photon's flux.
-    @if(transmission) concentration: f32,
+    @if(transmission) concentration: vec3f,
 }
 
 // The density, by solid angle, with which `bsdf_sample` samples the direction.
@@ -308,16 +338,21 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
             if bsdf_passes(s, direction) {
                 let found = passing(s.transmission, pair);
                 let share = passing_share(s, dot(pair.view, found.normal));
-                return chances.microfacets * share * passing_density(found, pair);
+                var passes = chances.microfacets * share * passing_density(found, pair);
+                @if(diffuse_transmission) {
+                    let diffused = diffuse_chance(chances) * diffusely_passing_share(s.diffuse_transmission, s.albedo);
+                    passes += diffused * diffuse_density(-pair.light.z);
+                }
+                return passes;
             }
         }
         let h = normalize(pair.view + pair.light);
         let faced = bsdf_faces(s, direction);
         var specular = chances.microfacets;
         @if(transmission) { specular *= 1.0 - passing_share(s, dot(pair.view, h)); }
-        var diffuse = 1.0 - chances.microfacets;
-        @each_from_top(layer) { diffuse -= chances.NAME; }
-        var pdf = specular * visible_density(pair, h) + max(diffuse, 0.0) * diffuse_density(pair.light.z);
+        var diffuse = diffuse_chance(chances);
+        @if(diffuse_transmission) { diffuse *= 1.0 - diffusely_passing_share(s.diffuse_transmission, s.albedo); }
+        var pdf = specular * visible_density(pair, h) + diffuse * diffuse_density(pair.light.z);
         @each(wide_layer) { pdf += NAME_density(chances.NAME, pair); }
         pdf = select(0.0, pdf, faced);
         @each(glossy_layer) {
@@ -346,7 +381,7 @@ fn bsdf_max_density(s: Surface) -> f32 {
     @each(film) { black = black && !NAME_is_present(s.NAME); }
     var density = select(max_visible_density(view_z, alpha), 0.0, black);
     @each(layer) { density = max(density, NAME_max_density(s.NAME, s.view, view_z)); }
-    @if(transmission) { if transmission_is_present(s.transmission) { return UNBOUNDED_DENSITY; } }
+    @if(transmission) { if passes_light(s) { return UNBOUNDED_DENSITY; } }
     return select(max(density, diffuse_density(1.0)), 0.0, density == 0.0);
 }
 
@@ -386,11 +421,18 @@ fn sample_lobe(s: Surface, u: vec3f) -> LobeDirection {
         end += chances.NAME;
         if of_layer { wide = NAME_sample(u.xy); }
     }
+    @if(diffuse_transmission) {
+        // The upper part of the base's random numbers passes.
+        let diffused = diffuse_chance(chances) * diffusely_passing_share(s.diffuse_transmission, s.albedo);
+        result.passed = u.z >= max(1.0 - diffused, end);
+        if result.passed { wide.z = -wide.z; }
+    }
     var local = select(wide, reflect(-lobe.view, h), u.z < below);
     @if(transmission) {
         // The lower part of the microfacets' random numbers transmits, the rest reflects.
-        result.passed = u.z < chances.microfacets * passing_share(s, dot(pair.view, h));
-        if result.passed { local = passed_direction(s.transmission, pair.view, h, local); }
+        let refracted = u.z < chances.microfacets * passing_share(s, dot(pair.view, h));
+        if refracted { local = passed_direction(s.transmission, pair.view, h, local); }
+        result.passed = result.passed || refracted;
     }
     result.direction = normalize(axes * local);
     return result;
@@ -423,7 +465,16 @@ fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
         result.weight = bsdf_evaluate(s, direction) / result.pdf;
         @if(transmission) {
             let eta = s.transmission.eta;
-            result.concentration = select(1.0, eta * eta, bsdf_passes(s, direction));
+            result.concentration = vec3f(select(1.0, eta * eta, bsdf_passes(s, direction)));
+            @if(diffuse_transmission) {
+                // Only the refracted part is concentrated.
+                if bsdf_passes(s, direction) {
+                    let pair = LayerPair(local_pair(s, direction), direction, s.view);
+                    let diffused = diffusely_passed(s, pair.local) * through_layers(s, pair) * -pair.local.light.z;
+                    let share = clamp(diffused / max(result.weight * result.pdf, vec3f(1e-30)), vec3f(0.0), vec3f(1.0));
+                    result.concentration = 1.0 / mix(vec3f(1.0 / (eta * eta)), vec3f(1.0), share);
+                }
+            }
         }
         return result;
     }

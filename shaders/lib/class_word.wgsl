@@ -65,20 +65,20 @@ const SETTLED = 2u;
 
 // The word of a decided candidate whose cell lies like that. Its visibility would repeat its class; a visibility one or
 // two steps off marks it instead.
-fn word_at(word: u32, place: u32) -> u32 {
+fn word_at(word: u32, nearness: u32) -> u32 {
     let class_ = class_of(word);
-    if class_ == CLASS_LIT { return word - (place << CLASS_VISIBILITY_SHIFT); }
-    if class_ == CLASS_SHADOWED { return word + (place << CLASS_VISIBILITY_SHIFT); }
+    if class_ == CLASS_LIT { return word - (nearness << CLASS_VISIBILITY_SHIFT); }
+    if class_ == CLASS_SHADOWED { return word + (nearness << CLASS_VISIBILITY_SHIFT); }
     return word;
 }
 
-fn place_of(word: u32) -> u32 {
+fn nearness_of(word: u32) -> u32 {
     let visibility = word >> CLASS_VISIBILITY_SHIFT;
     return min(visibility, CLASS_VISIBILITY_STEPS - visibility);
 }
 
 fn is_near(word: u32) -> bool {
-    return place_of(word) != AWAY;
+    return nearness_of(word) != AWAY;
 }
 
 // Classes are wrong far more often near boundaries: as many more audits there keep mistakes from becoming fireflies. 16
@@ -90,8 +90,8 @@ const SETTLED_AUDITS = 4.0;
 
 // Probability that a decided candidate is audited.
 fn audit_chance(word: u32, probability: f32) -> f32 {
-    let place = place_of(word);
-    let more = select(select(NEAR_AUDITS, SETTLED_AUDITS, place == SETTLED), 1.0, place == AWAY);
+    let nearness = nearness_of(word);
+    let more = select(select(NEAR_AUDITS, SETTLED_AUDITS, nearness == SETTLED), 1.0, nearness == AWAY);
     return min(more * probability, 1.0);
 }
 

@@ -196,7 +196,7 @@ struct FineClass {
     entry: u32,
     class_: u32,
     // Of its cell, as lib/class_word has them.
-    place: u32,
+    nearness: u32,
     // Rounded visibility of the smallest divided cell about the point.
     visibility: f32,
 }
@@ -217,9 +217,9 @@ fn fine_class(light: u32, position: vec3f, normal: vec3f) -> FineClass {
         found.code = CLASS_BOUNDARY;
     }
     let many = found.code > MANY_PHOTONS && found.code != MOSTLY_LIT;
-    let place = select(select(NEAR, SETTLED, many), AWAY, divided == UNDIVIDED);
+    let nearness = select(select(NEAR, SETTLED, many), AWAY, divided == UNDIVIDED);
     let class_ = select(found.code, found.code - MANY_PHOTONS, many);
-    return FineClass(cell, found.entry, class_, place, f32(divided == MOSTLY_LIT));
+    return FineClass(cell, found.entry, class_, nearness, f32(divided == MOSTLY_LIT));
 }
 
 // Leaves the photons of a point, by its shadow rays that reached the light and those that did not, in its cell that is

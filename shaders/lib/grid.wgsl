@@ -3,6 +3,7 @@
 // cells.
 
 @if(texture_loads) import package::lib::table::table_texel;
+@if(!paper_counting) import package::lib::constants::NORMAL_OFFSET_WEIGHT;
 import package::lib::constants::REACH_CELLS;
 import package::lib::math::{PI, oct_within7};
 
@@ -25,7 +26,7 @@ struct GridShape {
 
 // Weight of the squared offset along the normal, added to the squared distance: an offset along the normal counts four
 // times.
-@if(!paper_counting) const NORMAL_STRETCH = 15.0;
+@if(!paper_counting) const NORMAL_STRETCH = f32(NORMAL_OFFSET_WEIGHT);
 @if(paper_counting) const NORMAL_STRETCH = 0.0;
 // Photons whose normals differ by more than 45 degrees belong to another surface.
 const COMPATIBLE_COSINE_SQUARED = 0.5;

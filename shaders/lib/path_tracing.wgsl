@@ -12,6 +12,7 @@
 // of focusing surfaces only.
 
 import package::lib::bsdf::surface::Surface;
+@if(indirect && transmission) import package::lib::bsdf::surface::passes_light;
 import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, leaving_normal};
 @if(transmission) import package::lib::bsdf::bsdf_passes;
 @if(glossy && (global_map || bsdf_rays)) import package::lib::bsdf::bsdf_residual;
@@ -34,6 +35,7 @@ import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, offset_origin};
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::{mis_weight, sobol2};
 import package::lib::surface::{SurfaceHit, surface_at};
+@if(dispersion) import package::lib::wavelength::carry;
 
 // Rays of this invocation so far.
 var<private> shadow_rays: u32;
@@ -205,7 +207,7 @@ fn connection_of(path: ptr<function, Path>) -> Connection {
     let nothing = Connection(no_ray(), vec3f(0.0));
     @if(indirect && !transmission) { if (*path).bounce == 0u { return nothing; } }
     @if(indirect && transmission) {
-        if (*path).bounce == 0u && !any((*path).vertex.surface.transmission.tint > vec3f(0.0)) { return nothing; }
+        if (*path).bounce == 0u && !passes_light((*path).vertex.surface) { return nothing; }
     }
     return connect((*path).vertex, (*path).bounce);
 }
@@ -284,6 +286,8 @@ fn extend_path(path: ptr<function, Path>, scattered: BsdfSample, ray: Ray, hit: 
         }
         return;
     }
+    @if(dispersion && !caustics) { carry((*path).throughput); }
+    @if(dispersion && caustics) { carry(abs((*path).throughput) + abs((*path).residual_throughput)); }
     let found = surface_at(hit, ray);
     (*path).goes_on = !found.unlit;
     @if(transmission) { (*path).throughput *= found.transmittance; }

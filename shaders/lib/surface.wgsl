@@ -6,7 +6,9 @@ import package::lib::attributes::{material_index, surface_texel_of};
 import package::lib::bsdf::surface::{HitContext, Surface, add_lobes};
 @if(textures) import package::lib::bsdf::surface::{TextureFactors, texture_factors};
 @if(unlit) import package::lib::bsdf::surface::without_light;
-@if(transmission) import package::lib::bsdf::transmission::{transmission_is_present, volume_transmittance};
+@if(transmission) import package::lib::bsdf::surface::passes_light;
+@if(transmission) import package::lib::bsdf::transmission::volume_transmittance;
+@if(transmission && immersed) import package::lib::bsdf::transmission::medium_transmittance;
 @if(!procedurals) import package::lib::bvh::triangle_corners;
 @if(procedurals) import package::lib::bvh::{traversal_iterations, triangle_corners};
 import package::lib::constants::{
@@ -214,8 +216,9 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     @if(transmission) {
         found.transmittance = vec3f(1.0);
         if !front { found.transmittance = volume_transmittance(material, hit.t); }
+        @if(immersed) { if front { found.transmittance = medium_transmittance(material, hit.t); } }
         // Transmitted light leaves from the other side of the triangle itself, not from the smooth surface above it.
-        if transmission_is_present(found.surface.transmission) {
+        if passes_light(found.surface) {
             found.position = met.position;
             found.surface.geometric_normal = triangle_normal;
         }

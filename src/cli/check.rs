@@ -1,10 +1,10 @@
 //! `penumbra check`.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use std::{env, fs, process, thread};
 
 use kernel_kit::{DeviceChoice, Gpu};
@@ -12,6 +12,7 @@ use penumbra::internal::render::film::{self, View};
 use penumbra::internal::report::check::{Case, Cases, Finding, Outcome, junit, kind_of, page};
 use penumbra::{Error, Image, Result};
 
+use super::child::{Ended, run_within};
 use super::{Ending, print, say};
 
 /// Memory of a render: a small image on lavapipe takes 0.2 to 0.4 GB.
@@ -166,10 +167,13 @@ impl Arguments {
                 "--quiet",
                 "-o",
             ]);
-            let output = command.arg(&file).stdin(Stdio::null()).output().map_err(|problem| problem.to_string())?;
-            if !output.status.success() {
-                let said = String::from_utf8_lossy(&output.stderr);
-                let last = said.lines().last().unwrap_or("it said nothing");
+            let limit = case.limits.seconds;
+            let ended = run_within(command.arg(&file), Duration::from_secs_f64(limit));
+            let Some(Ended { status, stderr }) = ended.map_err(|problem| problem.to_string())? else {
+                return Err(format!("took longer than {limit} s, its limit `seconds`, and was ended"));
+            };
+            if !status.success() {
+                let last = stderr.lines().last().unwrap_or("it said nothing");
                 return Err(last.trim_start_matches("penumbra: error: ").to_owned());
             }
             let image = Image::read(&file).map_err(|problem| problem.to_string())?;

@@ -4,9 +4,11 @@ use std::path::PathBuf;
 
 use penumbra::internal::render::film::{self, View};
 use penumbra::internal::render::pieces::{MissingSamples, Pieces};
+use penumbra::settings::Denoise;
 use penumbra::{Error, Result};
 
-use super::options::finite;
+use super::options::{DeviceOptions, OidnOptions, denoisers, finite};
+use super::render::{both, is_exr};
 use super::{Ending, say};
 
 /// Parts that a message names; the others are counted.
@@ -26,6 +28,17 @@ pub struct Arguments {
     /// Write what is there even if pieces are missing, and say which: pixels have the mean of the samples they have
     #[arg(long)]
     partial: bool,
+
+    /// Remove noise, as `penumbra render --denoise` does, from pieces that were rendered with --denoise: the .png shows
+    /// the result, the .exr has it beside the raw image
+    #[arg(long, value_name = "DENOISER", value_parser = denoisers(), conflicts_with = "partial")]
+    denoise: Option<Denoise>,
+
+    #[command(flatten)]
+    oidn: OidnOptions,
+
+    #[command(flatten)]
+    device: DeviceOptions,
 
     /// Tone mapping of .png: neutral (Khronos PBR Neutral), agx, standard (sRGB, clipped) or raw (linear values)
     #[arg(long, value_name = "VIEW", default_value_t = View::default())]
@@ -52,14 +65,22 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         }
         say(format_args!("note: {parts} are in no piece"));
     }
-    let image = pieces.merge()?;
+    let image = match arguments.denoise {
+        None | Some(Denoise::None) => pieces.merge()?,
+        Some(denoise) => {
+            let denoiser = arguments.oidn.denoiser(denoise)?;
+            pieces.merge_denoised(&arguments.device.open()?, &denoiser)?
+        }
+    };
+    let denoised = image.denoised();
     let mut result = Ok(());
     for path in &arguments.output {
-        let outcome = image.write(path, arguments.view, arguments.exposure);
+        let shown = denoised.as_ref().filter(|_| !is_exr(path)).unwrap_or(&image);
+        let outcome = shown.write(path, arguments.view, arguments.exposure);
         if outcome.is_ok() && !arguments.quiet {
             say(format_args!("wrote {}", path.display()));
         }
-        result = result.and(outcome);
+        result = both(result, outcome);
     }
     result.map(|()| Ending::Done)
 }

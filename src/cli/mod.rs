@@ -3,6 +3,7 @@
 //! Results (a plan, devices, measures) go to stdout; errors, notes and progress to stderr.
 
 mod check;
+mod child;
 mod compare;
 mod devices;
 mod flags;

@@ -14,7 +14,7 @@ use penumbra::internal::gpu_scene::camera::CameraUniform;
 use penumbra::internal::render::film::linear_from_srgb;
 use penumbra::internal::report::entrant::Entrant;
 use penumbra::internal::report::reference::Reference;
-use penumbra::internal::scene::{Focus, Framing, ImportOptions, Iris, LookAt, Panorama, Projection};
+use penumbra::internal::scene::{Extent, Focus, Framing, ImportOptions, Iris, LookAt, Panorama, Projection};
 #[cfg(feature = "view")]
 use penumbra::internal::view::Pose;
 use penumbra::settings::{Background, Crop, Denoise, LightSampling, SampleRange};
@@ -44,7 +44,7 @@ pub struct SceneOptions {
     )]
     from: Option<[f32; 2]>,
 
-    /// Place the camera here, in the file's coordinates, upright (+Y is up)
+    /// Place the camera here, in the file's coordinates
     #[arg(
         long,
         value_name = "X,Y,Z",
@@ -66,6 +66,28 @@ pub struct SceneOptions {
         help_heading = "Scene"
     )]
     look_at: Option<DVec3>,
+
+    /// The direction that is up in the image of a placed camera [default: 0,1,0]
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        value_parser = up,
+        allow_hyphen_values = true,
+        requires = "look_from",
+        help_heading = "Scene"
+    )]
+    look_up: Option<DVec3>,
+
+    /// Make the placed camera orthographic: it sees this height, in the file's units
+    #[arg(
+        long,
+        value_name = "HEIGHT",
+        value_parser = positive,
+        requires = "look_from",
+        conflicts_with_all = ["fov", "aperture"],
+        help_heading = "Scene"
+    )]
+    orthographic: Option<f64>,
 
     /// Vertical field of view of a perspective camera [default: the camera's own; 40 of one that is placed or frames
     /// the scene]
@@ -179,13 +201,19 @@ impl SceneOptions {
 
     /// A camera of the file.
     pub fn through_camera(self, index: usize) -> Self {
-        SceneOptions { camera: Some(index.to_string()), from: None, look_from: None, look_at: None, ..self }
+        let camera = Some(index.to_string());
+        let (look_from, look_at, look_up, orthographic) = (None, None, None, None);
+        SceneOptions { camera, from: None, look_from, look_at, look_up, orthographic, ..self }
     }
 
     /// A placed camera.
     pub fn placed(self, view: &LookAt) -> Self {
-        let (look_from, look_at) = (Some(view.from), Some(view.at));
-        SceneOptions { camera: None, from: None, look_from, look_at, fov: Some(view.fov), ..self }
+        let (look_from, look_at, look_up) = (Some(view.from), Some(view.at), Some(view.up));
+        let (fov, orthographic) = match view.extent {
+            Extent::FieldOfView(fov) => (Some(fov), None),
+            Extent::Height(height) => (None, Some(height)),
+        };
+        SceneOptions { camera: None, from: None, look_from, look_at, look_up, fov, orthographic, ..self }
     }
 
     /// The state of the scene.
@@ -224,14 +252,19 @@ impl SceneOptions {
     /// The scene, and the camera to render it with. `aspect` is the image's width over its height if the camera does
     /// not decide it.
     pub fn load(&self, aspect: f32) -> Result<(Scene, Camera)> {
-        self.load_first(self.at, aspect)
+        self.load_first(None, self.surroundings()?.as_ref(), aspect)
     }
 
-    /// As [`load`](Self::load), after so many seconds of the animation.
-    pub fn load_first(&self, time: Option<f64>, aspect: f32) -> Result<(Scene, Camera)> {
-        let mut scene = self.load_at(time)?;
-        if let Some(surroundings) = self.surroundings()? {
-            self.surround(&mut scene, &surroundings)?;
+    /// As [`load`](Self::load), after so many seconds of the animation if any are given, and within that panorama.
+    pub fn load_first(
+        &self,
+        time: Option<f64>,
+        surroundings: Option<&Surroundings>,
+        aspect: f32,
+    ) -> Result<(Scene, Camera)> {
+        let mut scene = self.load_at(time.or(self.at))?;
+        if let Some(surroundings) = surroundings {
+            self.surround(&mut scene, surroundings)?;
         }
         let camera = self.camera(&scene, aspect)?;
         if scene.cameras.is_empty() && self.from.is_none() && self.look_from.is_none() {
@@ -273,7 +306,22 @@ impl SceneOptions {
 
     /// The camera that the user selects, with its lens; `aspect` as for [`load`](Self::load).
     pub fn camera(&self, scene: &Scene, aspect: f32) -> Result<Camera> {
-        let mut camera = self.select_camera(scene, aspect)?;
+        self.with_lens(scene, self.select_camera(scene, aspect)?)
+    }
+
+    /// The cameras of a turntable with so many views.
+    pub fn turntable(&self, scene: &Scene, aspect: f32, views: u32) -> Result<Vec<Camera>> {
+        let cameras = scene.turntable(&self.framing(aspect), views);
+        cameras.into_iter().map(|camera| self.with_lens(scene, camera)).collect()
+    }
+
+    /// From where a camera that frames the scene looks at it.
+    fn framing(&self, aspect: f32) -> Framing {
+        let framing = Framing { aspect, ..Framing::default() };
+        self.from.map_or(framing, |[azimuth, elevation]| Framing { azimuth, elevation, ..framing })
+    }
+
+    fn with_lens(&self, scene: &Scene, mut camera: Camera) -> Result<Camera> {
         if let Some(fov) = self.fov {
             let Projection::Perspective { yfov, .. } = &mut camera.projection else {
                 let problem = format!("--fov: camera `{}` is orthographic, which has no field of view", camera.name);
@@ -291,16 +339,18 @@ impl SceneOptions {
 
     fn select_camera(&self, scene: &Scene, aspect: f32) -> Result<Camera> {
         let cameras = &scene.cameras;
-        let framing = Framing { aspect, ..Framing::default() };
         if let (Some(from), Some(at)) = (self.look_from, self.look_at) {
-            let placed = LookAt { from, at, fov: self.fov.unwrap_or(LookAt::FOV) };
+            let fov = || self.fov.map_or(Extent::default(), Extent::FieldOfView);
+            let extent = self.orthographic.map_or_else(fov, Extent::Height);
+            let placed = LookAt { from, at, up: self.look_up.unwrap_or(DVec3::Y), extent };
             return scene.look_at(&placed).map_err(|problem| Error::Usage(format!("--look-from: {problem}")));
         }
-        if let Some([azimuth, elevation]) = self.from {
-            return Ok(scene.frame(&Framing { azimuth, elevation, ..framing }));
+        let framed = || scene.frame(&self.framing(aspect));
+        if self.from.is_some() {
+            return Ok(framed());
         }
         let Some(wanted) = &self.camera else {
-            return Ok(cameras.first().cloned().unwrap_or_else(|| scene.frame(&framing)));
+            return Ok(cameras.first().cloned().unwrap_or_else(framed));
         };
         let by_name = cameras.iter().find(|camera| camera.name == *wanted);
         let camera = by_name.or_else(|| cameras.get(wanted.parse::<usize>().ok()?));
@@ -797,6 +847,11 @@ fn direction(text: &str) -> std::result::Result<[f32; 2], String> {
 fn position(text: &str) -> std::result::Result<DVec3, String> {
     let position = numbers(text).map(DVec3::from_array).filter(|position| position.is_finite());
     position.ok_or_else(|| "it must be three finite numbers as in 1,0.5,-2".into())
+}
+
+fn up(text: &str) -> std::result::Result<DVec3, String> {
+    let up = position(text).ok().filter(|up| up.try_normalize().is_some());
+    up.ok_or_else(|| "it must be three finite numbers as in 0,1,0, and not all of them 0".into())
 }
 
 fn field_of_view(text: &str) -> std::result::Result<f64, String> {

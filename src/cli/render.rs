@@ -19,7 +19,7 @@ use penumbra::{Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings
 use super::flags::with_flags;
 use super::interrupt::Interrupt;
 use super::options::{
-    DeviceOptions, OidnOptions, RenderOptions, SceneOptions, denoisers, finite, positive, read_reference,
+    DeviceOptions, OidnOptions, RenderOptions, SceneOptions, Surroundings, denoisers, finite, positive, read_reference,
 };
 use super::progress::{Display, Goal, mega};
 use super::sequence::{Frame, SequenceOptions};
@@ -45,7 +45,7 @@ pub struct Arguments {
 
     /// Remove noise: the .png shows the result; the .exr keeps the raw image, and has it beside that as denoised.R,
     /// denoised.G and denoised.B, with its estimated standard error as the channel error [default: auto if an output is
-    /// .png, else none]
+    /// .png, else none]. With --samples it keeps what `penumbra merge --denoise` needs
     #[arg(long, value_name = "DENOISER", value_parser = denoisers(), help_heading = "Output")]
     denoise: Option<Denoise>,
 
@@ -105,8 +105,11 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let interrupt = Interrupt::listen();
     arguments.check()?;
     let (denoiser, no_denoiser) = arguments.denoiser();
-    let opened = arguments.load_and_open(denoiser.choice())?;
-    let Opened { scene, camera, settings, reference, mut gpu, import, start } = opened;
+    // A piece keeps what the denoisers of the merged image need.
+    let is_piece = arguments.settings.is_piece();
+    let denoise = if is_piece { arguments.denoise.unwrap_or_default() } else { denoiser.choice() };
+    let opened = arguments.load_and_open(denoise)?;
+    let Opened { scene, camera, surroundings, settings, reference, mut gpu, import, start } = opened;
     let from = arguments.checkpoint.as_ref().filter(|_| arguments.resume).map(Checkpoint::read).transpose()?;
     let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
     notes.say(&scene.notes);
@@ -129,7 +132,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     };
     let subject = Subject { scene, camera, settings };
     if arguments.sequence.first().is_some() {
-        session.render_sequence(&mut gpu, subject)?;
+        session.render_sequence(&mut gpu, subject, surroundings.as_ref())?;
         return end(session.stopped, no_denoiser);
     }
     let image = session.render_subject(&mut gpu, &subject, from)?;
@@ -194,12 +197,13 @@ impl Files {
 
 impl Session<'_> {
     /// Renders the frames of a sequence that are missing, of which `first` is the first.
-    fn render_sequence(&mut self, gpu: &mut Gpu, first: Subject) -> Result<()> {
+    fn render_sequence(&mut self, gpu: &mut Gpu, first: Subject, around: Option<&Surroundings>) -> Result<()> {
         let arguments = self.arguments;
         gpu.keep_kernels();
-        let surroundings = arguments.scene.surroundings()?;
         let (view, settings) = (first.camera.clone(), first.settings.clone());
         let (space, is_framed) = (first.scene.normalisation, arguments.scene.frames(&first.scene));
+        let views = arguments.views(&first.scene)?.unwrap_or_default();
+        let standing = (!views.is_empty()).then(|| first.scene.clone());
         let mut next = Some(first);
         for frame in arguments.sequence.frames().into_iter().flatten() {
             if self.interrupt.raised() {
@@ -211,14 +215,20 @@ impl Session<'_> {
                 None => {
                     self.started = Instant::now();
                     self.start = 0.0;
-                    let mut scene = arguments.scene.load_at(Some(frame.seconds))?;
-                    if let Some(surroundings) = &surroundings {
-                        arguments.scene.surround(&mut scene, surroundings)?;
+                    let mut scene = match &standing {
+                        Some(scene) => scene.clone(),
+                        None => arguments.scene.load_at(frame.seconds)?,
+                    };
+                    if let Some(around) = around.filter(|_| standing.is_none()) {
+                        arguments.scene.surround(&mut scene, around)?;
                     }
                     // A view that frames the scene would move with it.
-                    let camera = match is_framed && arguments.scene.frames(&scene) {
-                        true => view.renormalised(&space, &scene.normalisation),
-                        false => arguments.scene.camera(&scene, arguments.settings.aspect())?,
+                    let camera = match views.get(frame.number as usize) {
+                        Some(camera) => camera.clone(),
+                        None if is_framed && arguments.scene.frames(&scene) => {
+                            view.renormalised(&space, &scene.normalisation)
+                        }
+                        None => arguments.scene.camera(&scene, arguments.settings.aspect())?,
                     };
                     self.import = self.started.elapsed().as_secs_f64();
                     // All frames have the size of the first.
@@ -236,7 +246,10 @@ impl Session<'_> {
                 continue;
             }
             if !arguments.quiet {
-                say(format_args!("frame {} at {:.3} s", frame.number, frame.seconds));
+                match frame.seconds {
+                    Some(seconds) => say(format_args!("frame {} at {seconds:.3} s", frame.number)),
+                    None => say(format_args!("view {} of {}", frame.number, views.len())),
+                }
             }
             self.notes.say(&subject.scene.notes);
             self.fingerprint = Some(fingerprint);
@@ -396,7 +409,7 @@ fn written(path: &Path, write: impl Fn() -> Result<()>) -> Result<()> {
 }
 
 /// The outcome of writing two files, whose error names both if neither is written.
-fn both(first: Result<()>, second: Result<()>) -> Result<()> {
+pub fn both(first: Result<()>, second: Result<()>) -> Result<()> {
     match (first, second) {
         (Err(Error::Output { file, problem }), Err(Error::Output { file: other, .. })) => {
             Err(Error::Output { file, problem: format!("{problem}; {} is not written either", other.display()) })
@@ -409,6 +422,8 @@ fn both(first: Result<()>, second: Result<()>) -> Result<()> {
 struct Opened {
     scene: Scene,
     camera: Camera,
+    /// The panorama, which all frames of a sequence share.
+    surroundings: Option<Surroundings>,
     settings: Settings,
     reference: Option<Reference>,
     gpu: Gpu,
@@ -431,10 +446,6 @@ impl Arguments {
         if self.settings.is_piece() {
             if self.noise.is_some() {
                 let problem = "--noise cannot be with --samples: which pixels get samples would depend on other pieces";
-                return Err(Error::Usage(problem.into()));
-            }
-            if self.denoise.is_some_and(|denoise| denoise != Denoise::None) {
-                let problem = "--denoise cannot be with --samples: a denoiser needs the samples of all pieces";
                 return Err(Error::Usage(problem.into()));
             }
             if self.time.is_some() {
@@ -464,13 +475,18 @@ impl Arguments {
         Ok(())
     }
 
-    /// The scene, or that of the first frame, and its camera.
-    fn load(&self) -> Result<(Scene, Camera)> {
-        let aspect = self.settings.aspect();
-        match self.sequence.first() {
-            Some(frame) => self.scene.load_first(Some(frame.seconds), aspect),
-            None => self.scene.load(aspect),
-        }
+    /// The scene, or that of the first frame, and its camera, within the panorama.
+    fn load(&self, surroundings: Option<&Surroundings>) -> Result<(Scene, Camera)> {
+        let time = self.sequence.first().and_then(|frame| frame.seconds);
+        let (scene, camera) = self.scene.load_first(time, surroundings, self.settings.aspect())?;
+        let first = self.views(&scene)?.and_then(|views| views.into_iter().next());
+        Ok((scene, first.unwrap_or(camera)))
+    }
+
+    /// The cameras of a turntable, if that is what is rendered.
+    fn views(&self, scene: &Scene) -> Result<Option<Vec<Camera>>> {
+        let cameras = |views| self.scene.turntable(scene, self.settings.aspect(), views);
+        self.sequence.views().map(cameras).transpose()
     }
 
     /// Imports the scene while the device opens. The error of a bad file comes before that of the device.
@@ -482,7 +498,8 @@ impl Arguments {
                 self.device.open().map(|gpu| (gpu, timed(start)))
             });
             let start = Instant::now();
-            let (scene, camera) = self.load()?;
+            let surroundings = self.scene.surroundings()?;
+            let (scene, camera) = self.load(surroundings.as_ref())?;
             let import = timed(start);
             let mut settings = self.settings.settings(&camera)?;
             if (self.time.is_some() || self.noise.is_some()) && self.settings.spp.is_none() {
@@ -492,13 +509,16 @@ impl Arguments {
             settings.image.noise = self.noise;
             let reference = self.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
             let (gpu, start) = device.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-            Ok(Opened { scene, camera, settings, reference, gpu, import, start })
+            Ok(Opened { scene, camera, surroundings, settings, reference, gpu, import, start })
         })
     }
 
     /// The denoiser; if it cannot be used, none, and why.
     fn denoiser(&self) -> (Denoiser, Option<Error>) {
-        let shows = self.output.iter().any(|path| !is_exr(path)) && !self.settings.is_piece();
+        if self.settings.is_piece() {
+            return (Denoiser::default(), None);
+        }
+        let shows = self.output.iter().any(|path| !is_exr(path));
         let default = if shows { Denoise::Auto } else { Denoise::None };
         match self.oidn.denoiser(self.denoise.unwrap_or(default)) {
             Ok(denoiser) => (denoiser, None),
@@ -551,7 +571,7 @@ impl Arguments {
     }
 }
 
-fn is_exr(path: &Path) -> bool {
+pub fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
 }
 

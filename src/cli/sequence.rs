@@ -1,4 +1,4 @@
-//! Sequences: the frames of an animation, one file each.
+//! Sequences: the frames of an animation, or views all around the scene, one file each.
 
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -21,8 +21,20 @@ pub struct SequenceOptions {
     /// Render the frames A to B, both included: frame N is the animation at N / fps seconds. {frame} in the name of
     /// each output stands for its number. Frames are skipped whose files are there, are complete and show the same
     /// scene with the same settings: run an interrupted command again, and it goes on where it stopped
-    #[arg(long, value_name = "A..B", group = "moment", conflicts_with_all = ["checkpoint", "reference"])]
+    #[arg(long, value_name = "A..B", groups = ["moment", "sequence"], conflicts_with_all = ["checkpoint", "reference"])]
     frames: Option<Frames>,
+
+    /// Render N views from all around the scene, as on a turntable: the first from the azimuth and elevation of --from,
+    /// the next ones counter-clockwise seen from above, all from the same distance. {frame} in the names of the outputs
+    /// stands for the number of the view, 0 to N - 1; complete views are skipped as --frames does
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..),
+        group = "sequence",
+        conflicts_with_all = ["camera", "look_from", "checkpoint", "reference"]
+    )]
+    turntable: Option<u32>,
 
     /// Frames per second
     #[arg(long, value_name = "N", default_value_t = 24.0, value_parser = positive, requires = "frames")]
@@ -30,7 +42,7 @@ pub struct SequenceOptions {
 
     /// Add the number of the frame to the seed; otherwise all frames have the same random numbers, and noise flickers
     /// less
-    #[arg(long, requires = "frames")]
+    #[arg(long, requires = "sequence")]
     seed_per_frame: bool,
 }
 
@@ -57,8 +69,8 @@ impl FromStr for Frames {
 #[derive(Clone, Copy)]
 pub struct Frame {
     pub number: u32,
-    /// Seconds from the beginning of the animation.
-    pub seconds: f64,
+    /// Seconds from the beginning of the animation; none for a view of a turntable.
+    pub seconds: Option<f64>,
     /// What is added to the seed.
     pub seed: u32,
     /// Digits of its number in names of files.
@@ -68,13 +80,14 @@ pub struct Frame {
 impl SequenceOptions {
     /// The frames; none for a single image.
     pub fn frames(&self) -> Option<impl Iterator<Item = Frame> + use<>> {
-        let Frames { first, last } = self.frames?;
+        let views = self.turntable.map(|views| Frames { first: 0, last: views - 1 });
+        let Frames { first, last } = self.frames.or(views)?;
         let numbers: RangeInclusive<u32> = first..=last;
         let digits = last.to_string().len().max(DIGITS);
-        let (fps, seed_per_frame) = (self.fps, self.seed_per_frame);
+        let (fps, seed_per_frame) = (views.is_none().then_some(self.fps), self.seed_per_frame);
         Some(numbers.map(move |number| {
             let seed = if seed_per_frame { number } else { 0 };
-            Frame { number, seconds: f64::from(number) / fps, seed, digits }
+            Frame { number, seconds: fps.map(|fps| f64::from(number) / fps), seed, digits }
         }))
     }
 
@@ -83,13 +96,20 @@ impl SequenceOptions {
         self.frames()?.next()
     }
 
+    /// The number of views of a turntable.
+    pub fn views(&self) -> Option<u32> {
+        self.turntable
+    }
+
     /// Checks that the files of different frames have different names.
     pub fn check_names<'p>(&self, mut paths: impl Iterator<Item = &'p PathBuf>) -> Result<()> {
-        let same = paths.find(|path| self.frames.is_some() && !path.to_string_lossy().contains(PLACEHOLDER));
+        let is_sequence = self.frames.is_some() || self.turntable.is_some();
+        let same = paths.find(|path| is_sequence && !path.to_string_lossy().contains(PLACEHOLDER));
+        let flag = if self.turntable.is_some() { "--turntable" } else { "--frames" };
         match same {
             Some(path) => {
                 let file = path.display();
-                Err(Error::Usage(format!("{file}: --frames writes many files, so its name must contain {PLACEHOLDER}")))
+                Err(Error::Usage(format!("{file}: {flag} writes many files, so its name must contain {PLACEHOLDER}")))
             }
             None => Ok(()),
         }

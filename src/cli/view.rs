@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use clap::parser::ValueSource;
 use clap::{ArgMatches, CommandFactory};
+use glam::DVec3;
 use penumbra::internal::render::film::View;
+use penumbra::internal::scene::{Extent, LookAt};
 use penumbra::internal::view::{Choices, Display, Eye, Overlay, Picture, Pose, Program, Shown, Source, Viewpoint};
 use penumbra::settings::Denoise;
 use penumbra::{Camera, Denoiser, Error, Result, Scene};
@@ -93,12 +95,14 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
 }
 
 /// The options that the window sets, or that `render` has otherwise: the copied command states them anew.
-const STATED: [&str; 21] = [
+const STATED: [&str; 23] = [
     "scene",
     "camera",
     "from",
     "look_from",
     "look_at",
+    "look_up",
+    "orthographic",
     "fov",
     "aperture",
     "at",
@@ -116,6 +120,9 @@ const STATED: [&str; 21] = [
     "height",
     "light_scale",
 ];
+
+/// Those that place the camera.
+const CAMERA: [&str; 6] = ["camera", "from", "look_from", "look_at", "look_up", "orthographic"];
 
 /// The options of the command, for a session.
 struct Options {
@@ -142,7 +149,7 @@ impl Options {
             oidn: arguments.oidn.clone(),
             denoise: arguments.denoise,
             kept: all(&|id| !STATED.contains(&id)),
-            camera: all(&|id| ["camera", "from", "look_from", "look_at"].contains(&id)),
+            camera: all(&|id| CAMERA.contains(&id)),
             animation: all(&|id| ["animation", "repeat"].contains(&id)),
             aperture: arguments.scene.f_number(),
         }
@@ -165,17 +172,23 @@ impl Options {
             Viewpoint::Placed(view) => {
                 let numbers = |p: &[f64; 3]| p.map(|x| x.to_string()).join(",");
                 let positions = [view.from, view.at].map(|position| numbers(&position.to_array()));
-                vec![
-                    format!("--look-from={}", positions[0]),
-                    format!("--look-at={}", positions[1]),
-                    format!("--fov={}", view.fov),
-                ]
+                let mut options = vec![format!("--look-from={}", positions[0]), format!("--look-at={}", positions[1])];
+                if view.up != DVec3::Y {
+                    options.push(format!("--look-up={}", numbers(&view.up.to_array())));
+                }
+                options.push(match view.extent {
+                    Extent::FieldOfView(fov) => format!("--fov={fov}"),
+                    Extent::Height(height) => format!("--orthographic={height}"),
+                });
+                options
             }
         };
         let is_placed = matches!(eye.viewpoint, Viewpoint::Placed(_));
         let fov = eye.fov.or(self.scene.fov().filter(|_| eye.viewpoint == Viewpoint::Given)).filter(|_| !is_placed);
         options.extend(fov.map(|fov| format!("--fov={fov}")));
-        options.extend(eye.f_number.or(self.aperture).map(|f_number| format!("--aperture={f_number}")));
+        let is_orthographic = matches!(eye.viewpoint, Viewpoint::Placed(LookAt { extent: Extent::Height(_), .. }));
+        let f_number = eye.f_number.or(self.aperture).filter(|_| !is_orthographic);
+        options.extend(f_number.map(|f_number| format!("--aperture={f_number}")));
         options
     }
 }

@@ -165,6 +165,25 @@ impl Bindings for GpuScene {
     }
 }
 
+/// The direction of a position in the octahedral map, -1 to 1 each way, as in the kernels.
+pub(crate) fn oct_unwrap(x: f64, y: f64) -> glam::DVec3 {
+    let z = 1.0 - x.abs() - y.abs();
+    let fold = (-z).max(0.0);
+    glam::DVec3::new(x - fold.copysign(x), y - fold.copysign(y), z).normalize()
+}
+
+/// The unit vector of [`oct_encode16`].
+pub(crate) fn oct_decode16(bits: u32) -> glam::DVec3 {
+    let snorm = |bits: u32| (f64::from(bits as u16 as i16) / 32767.0).max(-1.0);
+    oct_unwrap(snorm(bits), snorm(bits >> 16))
+}
+
+/// The unit vector of a photon's 14 bits; see `oct_encode7` of `shaders/lib/math.wgsl`.
+pub(crate) fn oct_decode7(bits: u32) -> glam::DVec3 {
+    let level = |bits: u32| (f64::from(bits & 127) - 63.0) / 63.0;
+    oct_unwrap(level(bits), level(bits >> 7))
+}
+
 /// A unit vector in 32 bits: its octahedral image as two signed 16-bit fractions (Cigolle et al. 2014,
 /// "A Survey of Efficient Representations for Independent Unit Vectors"); within 4e-5 rad.
 pub(crate) fn oct_encode16(n: glam::Vec3) -> u32 {

@@ -2,7 +2,7 @@
 
 use kernel_kit::constants_module;
 
-use super::numbers::{self, Class, Queue, class_word, occluder, photon_word};
+use super::numbers::{self, CellKind, Class, Queue, cell_word, class_word, occluder, photon_word};
 use super::{light_texels, scene_texels};
 use crate::settings::Settings;
 use crate::statistics::Counter;
@@ -34,6 +34,13 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("CLASS_COUNT_MAX", class_word::MAX_COUNT),
     ("CLASS_VISIBILITY_SHIFT", class_word::VISIBILITY_SHIFT),
     ("CLASS_VISIBILITY_STEPS", class_word::VISIBILITY_STEPS),
+    ("CELL_KIND_SHIFT", cell_word::KIND_SHIFT),
+    ("CELL_LEVEL_SHIFT", cell_word::LEVEL_SHIFT),
+    ("CELL_HASH_SHIFT", cell_word::HASH_SHIFT),
+    ("CELL_FINE", CellKind::Fine as u32),
+    ("CELL_MAP", CellKind::Map as u32),
+    ("CELL_REQUESTED", CellKind::Requested as u32),
+    ("NORMAL_OFFSET_WEIGHT", numbers::NORMAL_STRETCH),
     ("OCCLUDER_TRIANGLE_MASK", occluder::TRIANGLE_MASK),
     ("OCCLUDER_LIGHT_IN_FRONT", occluder::LIGHT_IN_FRONT),
     ("OCCLUDER_LIGHT_BEHIND", occluder::LIGHT_BEHIND),

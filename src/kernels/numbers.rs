@@ -39,6 +39,68 @@ pub mod class_word {
     pub const VISIBILITY_STEPS: u32 = 2047;
 }
 
+/// Bits of the word of a cell that decides a point. See `show_cells` of `shaders/classify.wgsl`.
+pub mod cell_word {
+    /// Bits 3-4: what kind of cell it is, a [`super::CellKind`]; the class is below.
+    pub const KIND_SHIFT: u32 = 3;
+    /// The largest kind.
+    pub const KIND_MASK: u32 = 3;
+    /// Bits 5-7: how often the cell was divided.
+    pub const LEVEL_SHIFT: u32 = 5;
+    /// The largest level.
+    pub const LEVEL_MASK: u32 = 7;
+    /// Bits 8-31: a hash of the cell.
+    pub const HASH_SHIFT: u32 = 8;
+}
+
+/// Where the class of a point comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum CellKind {
+    /// No cell: nothing was asked there.
+    None = 0,
+    /// A fine cell, whose photons are shadow rays.
+    Fine = 1,
+    /// A cell of the visibility map, by its own photons.
+    Map = 2,
+    /// A cell of the visibility map that points requested.
+    Requested = 3,
+}
+
+/// The cell that decides a point for a light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShownCell {
+    /// What the cell tells; unknown without a cell, and dark without a point.
+    pub class: Class,
+    /// What kind of cell it is.
+    pub kind: CellKind,
+    /// How often it was divided.
+    pub level: u32,
+    /// A hash by which cells can be told apart.
+    pub hash: u32,
+}
+
+impl ShownCell {
+    /// Takes the word of a cell apart.
+    pub fn new(word: u32) -> ShownCell {
+        use cell_word::{HASH_SHIFT, KIND_MASK, KIND_SHIFT, LEVEL_MASK, LEVEL_SHIFT};
+        let kinds = [CellKind::None, CellKind::Fine, CellKind::Map, CellKind::Requested];
+        ShownCell {
+            class: Classified::new(word).class,
+            kind: kinds[((word >> KIND_SHIFT) & KIND_MASK) as usize],
+            level: (word >> LEVEL_SHIFT) & LEVEL_MASK,
+            hash: word >> HASH_SHIFT,
+        }
+    }
+}
+
+/// Weight of a photon's squared offset along a point's normal, added to the squared distance that ranks the nearest
+/// photons: an offset along the normal counts four times.
+pub const NORMAL_STRETCH: u32 = 15;
+
+/// Photons whose normals differ from a point's by more than 45 degrees, of this cosine, belong to another surface.
+pub const COMPATIBLE_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
 /// A class word, taken apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Classified {

@@ -11,7 +11,7 @@ use super::visibility_map::VisibilityMap;
 use crate::Result;
 use crate::kernels::Queue;
 use crate::passes::Tile;
-use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers};
+use crate::passes::classify::{BoundClassify, BoundShowCells, Chunk, Classify, ClassifyBuffers, ShowCells};
 use crate::passes::film::{Film, Inputs, Plane};
 use crate::passes::sample_lights::SampledLightBindings;
 use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
@@ -216,6 +216,26 @@ impl DirectLight {
             shade: self.kernels.shade.bind(gpu, tile, &shade, &scene)?,
         });
         Ok(())
+    }
+
+    /// Binds the kernel that shows the cells of a map or of the shadow rays, if there are cells.
+    pub fn bind_shown_cells(
+        &self,
+        shared: &Shared<'_>,
+        features: &Features,
+        nearest: u32,
+        guides: Guides<'_>,
+    ) -> Result<Option<BoundShowCells>> {
+        let grid = guides.visibility_map.and_then(VisibilityMap::grid);
+        let Shared { gpu, gpu_scene, tile, .. } = *shared;
+        if grid.is_none() && guides.fine_cells.is_none() {
+            return Ok(None);
+        }
+        let sampled = SampledLightBindings { sampled_lights: guides.light_sampler.map(LightSampler::sampled_lights) };
+        let fine_cells = guides.fine_cells.map(FineCellMap::bindings).unwrap_or_default();
+        let scene: [&dyn Bindings; 3] = [gpu_scene, &sampled, &fine_cells];
+        let kernel = ShowCells::new(gpu, features, nearest)?;
+        Ok(Some(kernel.bind(gpu, tile, grid, &self.buffers.classify, &scene)?))
     }
 
     fn bound(&self) -> &Bound {

@@ -1,11 +1,12 @@
 //! The steps of a technique's first pass, which runs once, before the first sample. A step does nothing if the
 //! specialisation left its kernels out.
 
+use std::mem;
+
 use super::adaptive_testing::AdaptiveTesting;
 use super::cell_visibility::CellVisibility;
 use super::fine_cells::FineCellMap;
-use super::global_map::GlobalMap;
-use super::indirect_light::{IndirectLight, IndirectSetup};
+use super::indirect_light::{IndirectLight, IndirectSetup, MadeIndirect};
 use super::kernels::{DirectKernels, IndirectKernels};
 use super::light_sampler::LightSampler;
 use super::lighting::Lighting;
@@ -22,7 +23,7 @@ use crate::statistics::totals::Totals;
 #[derive(Default)]
 pub(crate) struct MadeMaps {
     pub visibility_map: Option<VisibilityMap>,
-    pub global_map: Option<GlobalMap>,
+    pub indirect: MadeIndirect,
 }
 
 /// A first pass under way.
@@ -116,7 +117,7 @@ impl FirstPass<'_> {
     pub fn make_indirect_light(&mut self) -> Result<()> {
         let FirstPass { shared, indirect_kernels: kernels, primary, camera, indirect_settings: settings, .. } = *self;
         let setup = IndirectSetup { shared, kernels, primary, camera, settings };
-        let made = self.made.global_map.take();
+        let made = mem::take(&mut self.made.indirect);
         self.lighting.indirect = Some(IndirectLight::new(&setup, made, self.totals)?);
         Ok(())
     }

@@ -4,7 +4,7 @@
 use kernel_kit::{Bindings, Frame};
 
 use super::global_map::GlobalMap;
-use super::irradiance_cache::{Filling, IrradianceCache};
+use super::irradiance_cache::{Filling, IrradianceCache, Records};
 use super::kernels::IndirectKernels;
 use super::shared::Shared;
 use crate::Result;
@@ -25,6 +25,13 @@ pub(crate) struct IndirectSetup<'a> {
     pub settings: &'a Settings,
 }
 
+/// What is made of it already, for another view of the same scene. A part that is none is made.
+#[derive(Default)]
+pub(crate) struct MadeIndirect {
+    pub map: Option<GlobalMap>,
+    pub records: Option<Records>,
+}
+
 pub(crate) struct IndirectLight {
     /// The map in which paths and gather rays end, or which is shown directly.
     map: Option<GlobalMap>,
@@ -39,7 +46,8 @@ pub(crate) struct IndirectLight {
 impl IndirectLight {
     /// Traces the flux photons, sorts them into the global map unless there is one, and fills the irradiance cache. A
     /// part without kernels is left out.
-    pub fn new(setup: &IndirectSetup<'_>, made: Option<GlobalMap>, totals: &mut Totals) -> Result<IndirectLight> {
+    pub fn new(setup: &IndirectSetup<'_>, made: MadeIndirect, totals: &mut Totals) -> Result<IndirectLight> {
+        let MadeIndirect { map: made, records } = made;
         let IndirectSetup { shared, kernels, primary, camera, settings } = *setup;
         let IndirectKernels { global_map, cache, path, features, .. } = kernels;
         let Shared { gpu, gpu_scene, tile, .. } = shared;
@@ -53,7 +61,10 @@ impl IndirectLight {
         let mut scene: Vec<&dyn Bindings> = vec![gpu_scene];
         scene.extend(map.as_ref().and_then(GlobalMap::irradiance).map(|irradiance| irradiance as &dyn Bindings));
         let filling = |kernels| Filling { gpu, kernels, features, tile, primary, scene: &scene, camera, settings };
-        let cache = cache.as_ref().map(|kernels| IrradianceCache::new(&filling(kernels), totals)).transpose()?;
+        let cache = match cache {
+            Some(kernels) => Some(IrradianceCache::new(&filling(kernels), records, totals)?),
+            None => None,
+        };
         let queue = cache.as_ref().map(|cache| cache.buffers().path_queue());
         let mut sets = scene.clone();
         sets.extend(queue.as_ref().map(|queue| queue as &dyn Bindings));
@@ -73,9 +84,10 @@ impl IndirectLight {
         self.map.is_some()
     }
 
-    /// The global map, if another view can use it.
-    pub fn into_map(self) -> Option<GlobalMap> {
-        self.map.and_then(GlobalMap::without_view)
+    /// What another view can use.
+    pub fn into_made(self) -> MadeIndirect {
+        let map = self.map.and_then(GlobalMap::without_view);
+        MadeIndirect { map, records: self.cache.map(IrradianceCache::into_records) }
     }
 
     /// Shows the global map at the tile's points, if the technique does so.

@@ -1,8 +1,11 @@
 //! The irradiance cache: irradiance records, placed where the view needs them, from coarse to fine, before the first
 //! sample. All samples share them.
 
+use std::collections::HashMap;
+
 use glam::Vec3;
 use kernel_kit::{Bindings, Buffer, Frame, Gpu};
+use rayon::prelude::*;
 
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
@@ -39,6 +42,7 @@ impl CacheKernels {
 pub(crate) struct IrradianceCache {
     buffers: CacheBuffers,
     bound: BoundCache,
+    records: Records,
 }
 
 /// The parts of the render that filling the cache needs.
@@ -54,8 +58,11 @@ pub(crate) struct Filling<'a> {
     pub settings: &'a Settings,
 }
 
+/// Maximum number of records that are kept from view to view: more take longer to look through than new ones to make.
+const MAX_KEPT: usize = 1 << 14;
+
 /// The records so far.
-struct Records {
+pub(crate) struct Records {
     heads: Vec<RecordHead>,
     values: Buffer,
     /// Capacity of `values`, in records.
@@ -63,10 +70,13 @@ struct Records {
 }
 
 impl IrradianceCache {
-    /// Places records all over the view and gathers at each.
-    pub fn new(with: &Filling<'_>, totals: &mut Totals) -> Result<IrradianceCache> {
+    /// Places records all over the view and gathers at each, but where those that are `kept` from other views reach.
+    pub fn new(with: &Filling<'_>, kept: Option<Records>, totals: &mut Totals) -> Result<IrradianceCache> {
         let buffers = CacheBuffers::new(with.gpu, with.tile.capacity())?;
-        let mut records = Records { heads: Vec::new(), values: record_values(with.gpu, with.features, 1)?, room: 1 };
+        let mut records = match kept.filter(|kept| kept.heads.len() <= MAX_KEPT) {
+            Some(kept) => kept,
+            None => Records { heads: Vec::new(), values: record_values(with.gpu, with.features, 1)?, room: 1 },
+        };
         let mut bound = records.bind(with, &buffers)?;
         for spacing in SPACINGS {
             if records.fill(with, &buffers, &bound, spacing, totals)? {
@@ -76,7 +86,12 @@ impl IrradianceCache {
         totals.indirect.records = records.heads.len() as u64;
         totals.min_radius_records = records.smallest(with.settings.indirect.irradiance_cache.accuracy);
         totals.indirect_bytes += records.values.bytes;
-        Ok(IrradianceCache { buffers, bound })
+        Ok(IrradianceCache { buffers, bound, records })
+    }
+
+    /// The records, for another view.
+    pub fn into_records(self) -> Records {
+        self.records
     }
 
     /// Lights the points of the tile by the records.
@@ -203,28 +218,65 @@ fn radius(distance: f32, pixel: f32, accuracy: f32) -> f32 {
 /// Distances of the records such that none exceeds a neighbour's distance plus the distance to that neighbour
 /// (neighbour clamping, Krivanek et al. 2006): one record may have hit a surface that another missed between its rays.
 fn neighbour_distances(heads: &[RecordHead], accuracy: f32) -> Vec<f32> {
-    let mut distances: Vec<f32> = heads.iter().map(|head| head.distance).collect();
-    let radii: Vec<f32> = heads.iter().map(|head| radius(head.distance, head.size, accuracy)).collect();
-    // Sorted along x, so that a record's neighbours are a run.
-    let mut order: Vec<usize> = (0..heads.len()).collect();
-    order.sort_by(|a, b| heads[*a].position[0].total_cmp(&heads[*b].position[0]));
-    let widest = radii.iter().copied().fold(0.0, f32::max);
-    for (rank, &i) in order.iter().enumerate() {
-        let here = Vec3::from(heads[i].position);
-        for &j in &order[rank + 1..] {
-            if heads[j].position[0] - here.x > widest {
-                break;
+    let grid = RecordGrid::new(heads, accuracy);
+    let nearest = |head: &RecordHead| {
+        let (here, reach) = (Vec3::from(head.position), radius(head.distance, head.size, accuracy));
+        let mut distance = head.distance;
+        grid.each_near(here, reach, |other| {
+            let way = here.distance(Vec3::from(other.position));
+            // The record itself changes nothing.
+            if way < reach {
+                distance = distance.min(other.distance + way);
             }
-            let way = here.distance(Vec3::from(heads[j].position));
-            if way < radii[i] {
-                distances[i] = distances[i].min(heads[j].distance + way);
-            }
-            if way < radii[j] {
-                distances[j] = distances[j].min(heads[i].distance + way);
+        });
+        distance
+    };
+    heads.par_iter().map(nearest).collect()
+}
+
+/// Records by the cell of a grid that they are in.
+struct RecordGrid<'a> {
+    heads: &'a [RecordHead],
+    /// Side of a cell.
+    side: f32,
+    cells: HashMap<[i32; 3], Vec<u32>>,
+}
+
+impl RecordGrid<'_> {
+    /// Cells as large as the mean record, so that most reach into few of them.
+    fn new(heads: &[RecordHead], accuracy: f32) -> RecordGrid<'_> {
+        let sum: f64 = heads.iter().map(|head| f64::from(radius(head.distance, head.size, accuracy))).sum();
+        let side = (2.0 * sum / heads.len().max(1) as f64) as f32;
+        let mut grid = RecordGrid { heads, side: side.max(f32::MIN_POSITIVE), cells: HashMap::new() };
+        for (index, head) in (0..).zip(heads) {
+            grid.cells.entry(grid.cell(Vec3::from(head.position))).or_default().push(index);
+        }
+        grid
+    }
+
+    /// The cell of a position. Positions far away share the last cells.
+    fn cell(&self, position: Vec3) -> [i32; 3] {
+        position.to_array().map(|x| (x / self.side).floor() as i32)
+    }
+
+    /// Calls `found` with all records within `reach`, and with others.
+    fn each_near<'h>(&'h self, here: Vec3, reach: f32, mut found: impl FnMut(&'h RecordHead)) {
+        // Differences of positions are rounded.
+        let reach = reach + 1e-6 * (reach + here.abs().max_element());
+        let (low, high) = (self.cell(here - reach), self.cell(here + reach));
+        let cells: f64 = (0..3).map(|axis| f64::from(high[axis]) - f64::from(low[axis]) + 1.0).product();
+        if cells > self.cells.len() as f64 {
+            return self.heads.iter().for_each(found);
+        }
+        for x in low[0]..=high[0] {
+            for y in low[1]..=high[1] {
+                for z in low[2]..=high[2] {
+                    let there = self.cells.get(&[x, y, z]).into_iter().flatten();
+                    there.for_each(|index| found(&self.heads[*index as usize]));
+                }
             }
         }
     }
-    distances
 }
 
 /// The part of the image, from 0 to 1 each way, where the camera may see points within the record's radius (`size`).
@@ -256,4 +308,49 @@ fn seen_part(camera: &CameraUniform, head: &RecordHead) -> Option<[[f32; 2]; 2]>
     let [x, y] = [part(camera.right, 1.0), part(camera.up, -1.0)];
     let seen = |[low, high]: [f32; 2]| high >= 0.0 && low <= 1.0;
     (seen(x) && seen(y)).then_some([[x[0], y[0]], [x[1], y[1]]])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Records on a tilted plane and scattered in space, near and far, some of them invalid, some at one place.
+    fn heads(count: u32) -> Vec<RecordHead> {
+        let mut state = 1u32;
+        let mut xi = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32
+        };
+        let head = |i: u32| {
+            let [x, y, z] = [xi(), xi(), xi()].map(|x| 2.0 * x - 1.0);
+            let far = if i.is_multiple_of(50) { 1e4 } else { 1.0 };
+            let position = match i % 3 {
+                0 => [x, y, 0.3 * x],
+                1 => [far * x, far * y, far * z],
+                _ => [0.5, 0.5, 0.5 + 1e-3 * z],
+            };
+            let size = if i.is_multiple_of(17) { 0.0 } else { 1e-3 * far };
+            RecordHead { position, size, normal: [0.0, 0.0, 1.0], distance: xi() * far }
+        };
+        (0..count).map(head).collect()
+    }
+
+    /// No record's distance exceeds that of one within its radius by more than the way there: against all pairs.
+    #[test]
+    fn distances_are_those_of_all_pairs() {
+        for (count, accuracy) in [(0, 0.25), (1, 0.25), (2000, 0.25), (2000, 10.0)] {
+            let heads = heads(count);
+            let expected: Vec<f32> = heads
+                .iter()
+                .map(|head| {
+                    let (here, reach) = (Vec3::from(head.position), radius(head.distance, head.size, accuracy));
+                    let of = |other: &RecordHead| (here.distance(Vec3::from(other.position)), other.distance);
+                    let near = heads.iter().map(of).filter(|(way, _)| *way < reach);
+                    near.fold(head.distance, |least, (way, distance)| least.min(distance + way))
+                })
+                .collect();
+            assert_eq!(neighbour_distances(&heads, accuracy), expected, "{count} records");
+            assert!(count < 2 || heads.iter().zip(&expected).any(|(head, distance)| head.distance > *distance));
+        }
+    }
 }

@@ -12,8 +12,10 @@ use super::light_sampler::LightSampler;
 use super::shared::Shared;
 use super::visibility_map::{MapState, VisibilityMap};
 use crate::Result;
+use crate::passes::classify::BoundShowCells;
 use crate::passes::light_buffer::BoundLightBuffer;
 use crate::settings::Settings;
+use crate::specialisation::features::Features;
 use crate::statistics::totals::Totals;
 
 /// The parts that light a tile's points. A part that the technique or the scene does not need is none.
@@ -76,6 +78,17 @@ impl Lighting {
             map.sort(shared.gpu)?;
         }
         self.bind_direct_light(shared)
+    }
+
+    /// See [`DirectLight::bind_shown_cells`]; none without direct light, too.
+    pub fn bind_shown_cells(
+        &self,
+        shared: &Shared<'_>,
+        features: &Features,
+        nearest: u32,
+    ) -> Result<Option<BoundShowCells>> {
+        let bind = |direct: &DirectLight| direct.bind_shown_cells(shared, features, nearest, self.guides());
+        self.direct.as_ref().map_or(Ok(None), bind)
     }
 
     /// See [`FineCellMap::classify`].

@@ -132,6 +132,13 @@ impl VisibilityMap {
 
     /// The map as it was before the first sample: without photons of audits, and with no cell requested.
     pub fn renewed(mut self, gpu: &Gpu) -> Result<VisibilityMap> {
+        if let Some(grid) = self.grid.as_ref().filter(|_| self.room == REPAIR_ROOM) {
+            let mut frame = gpu.frame("renew");
+            grid.forget_requested_cells(&mut frame);
+            frame.clear(&self.repairs.count);
+            frame.submit()?;
+            return Ok(self);
+        }
         self.count -= REPAIR_ROOM - self.room;
         self.room = REPAIR_ROOM;
         self.repairs = Repairs::new(gpu, REPAIR_BATCH)?;
@@ -212,6 +219,11 @@ impl VisibilityMap {
     /// All photons, in any order.
     pub fn photons(&self, gpu: &Gpu) -> Result<Vec<Photon>> {
         Ok(gpu.read(&self.photons, self.count as usize)?)
+    }
+
+    /// The largest search radius, in normalised space.
+    pub fn reach(&self) -> f32 {
+        self.shape.reach()
     }
 
     /// The sorted photons; none while the map must be sorted again.

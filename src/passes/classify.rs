@@ -47,6 +47,18 @@ bindings! {
     }
 }
 
+impl<'a> ClassifyBindings<'a> {
+    fn of(buffers: &'a ClassifyBuffers, tile: &'a TileBuffers) -> Self {
+        ClassifyBindings {
+            classes: &buffers.classes,
+            queues: &buffers.queues,
+            queue_lengths: &buffers.queue_lengths,
+            queue_arguments: &buffers.queue_arguments,
+            counters: &tile.counters,
+        }
+    }
+}
+
 /// The buffers of the pass. Candidates are (light of the chunk, point) pairs, light by light.
 pub struct ClassifyBuffers {
     /// Class words.
@@ -139,13 +151,7 @@ impl Classify {
         buffers: &ClassifyBuffers,
         scene: &dyn Bindings,
     ) -> Result<BoundClassify> {
-        let own = ClassifyBindings {
-            classes: &buffers.classes,
-            queues: &buffers.queues,
-            queue_lengths: &buffers.queue_lengths,
-            queue_arguments: &buffers.queue_arguments,
-            counters: &tile.counters,
-        };
+        let own = ClassifyBindings::of(buffers, tile);
         let bind = |entry| match grid {
             Some(grid) => self.kernel.bind(gpu, entry, &[&own, tile, grid, scene]),
             None => self.kernel.bind(gpu, entry, &[&own, tile, scene]),
@@ -167,6 +173,62 @@ impl Classify {
             arrange: bind("arrange_queue")?,
             group: self.kernel.workgroup_size("classify").unwrap_or(1),
         })
+    }
+}
+
+/// The kernel that tells which cell decides each point, for those who look at the cells.
+pub struct ShowCells(Kernel);
+
+/// The kernel, bound.
+pub struct BoundShowCells {
+    kernel: BoundKernel,
+    shape: GridShape,
+}
+
+impl ShowCells {
+    /// Compiles the kernel for a render with these features; `nearest` is k.
+    ///
+    /// # Errors
+    /// As [`Classify::new`].
+    pub fn new(gpu: &Gpu, features: &Features, nearest: u32) -> Result<ShowCells> {
+        Ok(ShowCells(Classify::new(gpu, &features.clone().with(Feature::ShownCells, true), nearest)?.kernel))
+    }
+
+    /// Binds it as [`Classify::bind`] does.
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`].
+    pub fn bind(
+        &self,
+        gpu: &Gpu,
+        tile: &TileBuffers,
+        grid: Option<&PhotonGrid>,
+        buffers: &ClassifyBuffers,
+        scene: &dyn Bindings,
+    ) -> Result<BoundShowCells> {
+        let own = ClassifyBindings::of(buffers, tile);
+        let kernel = match grid {
+            Some(grid) => self.0.bind(gpu, "show_cells", &[&own, tile, grid, scene])?,
+            None => self.0.bind(gpu, "show_cells", &[&own, tile, scene])?,
+        };
+        Ok(BoundShowCells { kernel, shape: grid.map_or(GridShape::default(), |grid| grid.shape) })
+    }
+}
+
+impl BoundShowCells {
+    /// Writes a [`crate::kernels::ShownCell`] for each point of the tile in place of the class words of a light.
+    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile, light: u32) {
+        let parameters = ClassifyParameters {
+            grid: self.shape,
+            tile: *tile,
+            candidate_count: tile.point_count,
+            first_light: light,
+            dilate_radius: 0,
+            audit_probability: 0.0,
+            queue: Queue::Query as u32,
+            queue_group: 1,
+        };
+        frame.run(&self.kernel, tile.point_count, &parameters);
     }
 }
 

@@ -221,6 +221,11 @@ impl PhotonGrid {
         true
     }
 
+    /// Forgets all requests.
+    pub fn forget_requested_cells(&self, frame: &mut Frame<'_>) {
+        self.requests.buffers().into_iter().for_each(|buffer| frame.clear(buffer));
+    }
+
     /// The classification of the cells that points request.
     pub fn classify_requested_cells(&self) -> ClassifyRequestedCells {
         self.requests.classify.clone()

@@ -4,9 +4,8 @@ use std::mem;
 
 use super::blocks::Blocks;
 use super::renderer::{Kernels, PreparedView, Renderer, ViewOf};
-use super::stages::stage;
 use crate::light_transport::first_pass::MadeMaps;
-use crate::light_transport::indirect_light::IndirectLight;
+use crate::light_transport::indirect_light::{IndirectLight, MadeIndirect};
 use crate::light_transport::lighting::Lighting;
 use crate::scene::Camera;
 use crate::{Error, Result};
@@ -22,13 +21,29 @@ impl Renderer<'_> {
     /// [`Error::Setting`] for a size out of range, [`Error::Usage`] for a lens where the first camera had none or the
     /// reverse, since kernels depend on it, and those of [`Renderer::new`]. After an error of the device the renderer
     /// cannot be used.
-    pub fn look(&mut self, camera: &Camera, [width, height]: [u32; 2]) -> Result<()> {
+    pub fn look(&mut self, camera: &Camera, size: [u32; 2]) -> Result<()> {
+        self.begin_view(camera, size, false)
+    }
+
+    /// As [`Renderer::look`], for an image that is seen for a moment while the camera moves: irradiance records of
+    /// glances before light it too, so that few are made. They depend on no camera, but where they lie is up to the
+    /// way of the camera, and so are the bits.
+    ///
+    /// # Errors
+    /// As [`Renderer::look`].
+    pub fn glance(&mut self, camera: &Camera, size: [u32; 2]) -> Result<()> {
+        self.begin_view(camera, size, true)
+    }
+
+    fn begin_view(&mut self, camera: &Camera, [width, height]: [u32; 2], is_glance: bool) -> Result<()> {
         if camera.lens.is_some() != self.camera.lens.is_some() {
             let problem = "a renderer stays with a pinhole or with a lens: another camera needs another renderer";
             return Err(Error::Usage(problem.into()));
         }
         let settings = self.settings.clone().with(|s| {
-            s.visibility_map.photons_per_light = Some(self.settings.photons_per_light());
+            if self.lighting.visibility_map.is_some() {
+                s.visibility_map.photons_per_light = Some(self.settings.photons_per_light());
+            }
             (s.image.width, s.image.height) = (width, height);
         });
         settings.check()?;
@@ -39,9 +54,13 @@ impl Renderer<'_> {
         let Lighting { visibility_map, indirect, .. } = mem::take(&mut self.lighting);
         self.tiles.clear();
         // Other stages have other photons.
-        let same_photons = self.stage == stage(&settings, 0);
-        let global_map = indirect.filter(|_| same_photons).and_then(IndirectLight::into_map);
-        let made = MadeMaps { visibility_map, global_map };
+        let MadeIndirect { map, records } = indirect.map(IndirectLight::into_made).unwrap_or_default();
+        let map = map.filter(|_| self.stage == self.first_stage()).or(self.first_map.take());
+        if mem::replace(&mut self.is_glance, is_glance) {
+            self.kept_records = records;
+        }
+        let records = if is_glance { self.kept_records.take() } else { None };
+        let made = MadeMaps { visibility_map, indirect: MadeIndirect { map, records } };
         let mut totals = self.totals.of_another_view();
         let features = &specialisation.features;
         let view = ViewOf { gpu, scene: &self.scene, gpu_scene, features, camera, settings: &settings };
@@ -52,6 +71,7 @@ impl Renderer<'_> {
         (self.buffers, self.tiles, self.tile_size) = (buffers, tiles, tile_size);
         (self.camera, self.settings, self.totals) = (camera.clone(), settings, totals);
         (self.stage, self.samples, self.batches, self.shade_at_once) = (stage, 0, 0, false);
+        self.has_other_views = true;
         Ok(())
     }
 }

@@ -10,7 +10,7 @@ use super::conditioning;
 use super::picture::{Picture, Quantity, Sums};
 use super::pieces::{Piece, PieceSums};
 use super::renderer::Renderer;
-use super::tiles::TileFilm;
+use super::tiles::{TileFilm, first_half};
 use crate::passes::film::{Plane, Sum};
 use crate::render::film::{Channel, Metadata, Window};
 use crate::settings::Background;
@@ -93,6 +93,23 @@ impl Sums for Film<'_> {
             Some(sums) => Ok(sums.totals(quantity)),
             None => self.plane_sums(&|f| f.plane(quantity), &|pixel| self.samples_of(pixel)),
         }
+    }
+
+    fn first_halves(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>> {
+        let part = match quantity {
+            Quantity::Direct => 0,
+            Quantity::Indirect => 1,
+            _ => return Ok(None),
+        };
+        // A piece has samples of one half, or of both.
+        if self.renderer.samples < 2 || self.piece_sums().is_some() {
+            return Ok(None);
+        }
+        let half = |pixel: usize| first_half(self.samples_of(pixel));
+        let snapshot = |k: usize| self.plane_sums(&|f| Some(&f.parts.get(part)?.snapshots[k]), &half);
+        let (Some(even), Some(odd)) = (snapshot(0)?, snapshot(1)?) else { return Ok(None) };
+        let pick = |(pixel, sums): (usize, [Sum; 2])| sums[half(pixel).ilog2() as usize % 2];
+        Ok(Some(even.into_iter().zip(odd).map(<[Sum; 2]>::from).enumerate().map(pick).collect()))
     }
 
     fn samples_of(&self, pixel: usize) -> u32 {

@@ -25,16 +25,27 @@ pub(super) enum Quantity {
     Normal,
     /// Position; w is the depth.
     Position,
+    /// Squares of direct and of indirect light, for denoisers, as what follows.
+    DirectSquares,
+    IndirectSquares,
+    GuideAlbedo,
+    GuideNormal,
+    GuidePosition,
 }
 
 impl Quantity {
-    pub const ALL: [Quantity; 6] = [
+    pub const ALL: [Quantity; 11] = [
         Quantity::Direct,
         Quantity::Indirect,
         Quantity::Squares,
         Quantity::Albedo,
         Quantity::Normal,
         Quantity::Position,
+        Quantity::DirectSquares,
+        Quantity::IndirectSquares,
+        Quantity::GuideAlbedo,
+        Quantity::GuideNormal,
+        Quantity::GuidePosition,
     ];
 
     /// The name in the files of pieces.
@@ -46,6 +57,11 @@ impl Quantity {
             Quantity::Albedo => "albedo",
             Quantity::Normal => "normal",
             Quantity::Position => "position",
+            Quantity::DirectSquares => "direct-squares",
+            Quantity::IndirectSquares => "indirect-squares",
+            Quantity::GuideAlbedo => "guide-albedo",
+            Quantity::GuideNormal => "guide-normal",
+            Quantity::GuidePosition => "guide-position",
         }
     }
 }
@@ -54,6 +70,10 @@ impl Quantity {
 pub(super) trait Sums {
     /// The sums of each pixel; none if the quantity was not requested.
     fn sums(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>>;
+
+    /// Those of the first half of each pixel's samples (`tiles::first_half`), of direct or indirect light; none if they
+    /// were not kept.
+    fn first_halves(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>>;
 
     /// The number of samples of a pixel.
     fn samples_of(&self, pixel: usize) -> u32;
@@ -140,7 +160,7 @@ pub(super) fn colour_of(background: Background) -> Option<DVec3> {
     }
 }
 
-fn means(sums: &dyn Sums, quantity: Quantity) -> Result<Option<Vec<DVec4>>> {
+pub(super) fn means(sums: &dyn Sums, quantity: Quantity) -> Result<Option<Vec<DVec4>>> {
     Ok(sums.sums(quantity)?.map(|sums| sums.iter().map(Sum::mean).collect()))
 }
 

@@ -8,7 +8,7 @@ use super::stages::{settings_of_stage, stage};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::light_transport::caustic_map::CausticMap;
-use crate::light_transport::indirect_light::{IndirectLight, IndirectSetup};
+use crate::light_transport::indirect_light::{IndirectLight, IndirectSetup, MadeIndirect};
 use crate::light_transport::kernels::IndirectKernels;
 use crate::light_transport::shared::Shared;
 
@@ -32,6 +32,9 @@ impl Renderer<'_> {
         if !has_map || stage == self.stage {
             return Ok(());
         }
+        if self.has_other_views && self.stage == self.first_stage() {
+            self.first_map = self.lighting.indirect.take().and_then(|indirect| indirect.into_made().map);
+        }
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
         // Records are for the whole view.
         tile.sampled_pixels.iter().for_each(|sampled| sampled.set_all(gpu));
@@ -42,9 +45,14 @@ impl Renderer<'_> {
             camera: &CameraUniform::new(&self.camera, self.settings.image.width, self.settings.image.height),
             settings: &settings_of_stage(&self.settings, stage),
         };
-        self.lighting.indirect = Some(IndirectLight::new(&setup, None, &mut self.totals)?);
+        self.lighting.indirect = Some(IndirectLight::new(&setup, MadeIndirect::default(), &mut self.totals)?);
         self.stage = stage;
         Ok(())
+    }
+
+    /// The stage of the first sample.
+    pub(super) fn first_stage(&self) -> i32 {
+        stage(&self.settings, self.settings.image.range().first)
     }
 
     /// Makes the caustic map of the samples from `first_sample` on, unless they share the last one.

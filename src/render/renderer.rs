@@ -15,6 +15,8 @@ use crate::bvh::Bvh;
 use crate::gpu_scene::lights::LightInfo;
 use crate::gpu_scene::{CameraUniform, GpuScene};
 use crate::light_transport::first_pass::{FirstPass, MadeMaps};
+use crate::light_transport::global_map::GlobalMap;
+use crate::light_transport::irradiance_cache::Records;
 use crate::light_transport::kernels::{DirectKernels, IndirectKernels};
 use crate::light_transport::lighting::Lighting;
 use crate::light_transport::shared::Shared;
@@ -44,6 +46,15 @@ pub struct Renderer<'g> {
     pub(super) indirect_kernels: IndirectKernels,
     /// How many photons and gather rays there are; see `stages.rs`.
     pub(super) stage: i32,
+    /// The global map of the first stage, for the next view: none while that is the map in use, and before the renderer
+    /// looked a second time.
+    pub(super) first_map: Option<GlobalMap>,
+    /// The irradiance records of glances before, unless they are in use.
+    pub(super) kept_records: Option<Records>,
+    /// Whether the view is a glance, whose records are those of other views as well.
+    pub(super) is_glance: bool,
+    /// Whether it has looked a second time, and may do so again.
+    pub(super) has_other_views: bool,
     pub(super) buffers: TileBuffers,
     pub(super) tiles: Vec<TileFilm>,
     pub(super) tile_size: TileSize,
@@ -109,6 +120,10 @@ impl<'g> Renderer<'g> {
             lighting,
             indirect_kernels,
             stage,
+            first_map: None,
+            kept_records: None,
+            is_glance: false,
+            has_other_views: false,
             buffers,
             tiles,
             tile_size,

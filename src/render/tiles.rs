@@ -175,6 +175,11 @@ impl TileFilm {
             Quantity::Albedo => self.albedo.as_ref(),
             Quantity::Normal => self.normal.as_ref(),
             Quantity::Position => self.position.as_ref(),
+            Quantity::DirectSquares => self.parts.first()?.squares.as_ref(),
+            Quantity::IndirectSquares => self.parts.get(1)?.squares.as_ref(),
+            Quantity::GuideAlbedo => self.guides.as_ref().map(|guides| &guides.albedo),
+            Quantity::GuideNormal => self.guides.as_ref().map(|guides| &guides.normal),
+            Quantity::GuidePosition => self.guides.as_ref().map(|guides| &guides.position),
         }
     }
 

@@ -24,6 +24,20 @@ pub struct Framing {
     pub aspect: f32,
 }
 
+impl Framing {
+    fn axes(&self) -> [Vec3; 3] {
+        let [azimuth, elevation] = [self.azimuth, self.elevation].map(f32::to_radians);
+        let turn = Mat3::from_rotation_y(azimuth) * Mat3::from_rotation_x(-elevation);
+        [turn.x_axis, turn.y_axis, turn.z_axis]
+    }
+
+    /// Half the width and half the height of what the margins leave, at distance 1.
+    fn slopes(&self) -> [f32; 2] {
+        let up_slope = (0.5 * FRAME_YFOV_DEGREES.to_radians()).tan() * (1.0 - 2.0 * MARGIN);
+        [up_slope * self.aspect, up_slope]
+    }
+}
+
 impl Default for Framing {
     /// From the front, 15 degrees above the horizon: the view of a model that stands on the ground.
     fn default() -> Self {
@@ -40,41 +54,44 @@ impl Scene {
     /// The perspective camera that sees every surface that emits no light (every surface, if all of them emit) as large
     /// as the image allows, with a margin of 5 % at each side.
     pub fn frame(&self, framing: &Framing) -> Camera {
-        let [azimuth, elevation] = [framing.azimuth, framing.elevation].map(f32::to_radians);
-        let turn = Mat3::from_rotation_y(azimuth) * Mat3::from_rotation_x(-elevation);
-        let axes = [turn.x_axis, turn.y_axis, turn.z_axis];
-        let yfov = FRAME_YFOV_DEGREES.to_radians();
-        let up_slope = (0.5 * yfov).tan() * (1.0 - 2.0 * MARGIN);
-        let slopes = [up_slope * framing.aspect, up_slope];
-        let seen = self.seen_from(axes, slopes);
-        let radius = 0.5 * seen.extent.length();
-        let [right, up, backward] = axes;
-        Camera {
-            name: "framed".into(),
-            position: seen.eye[0] * right + seen.eye[1] * up + seen.eye[2] * backward,
-            axes,
-            projection: Projection::Perspective { yfov, aspect: None },
-            // Nothing lies in front of it, however near the nearest corner comes.
-            near: (0.01 * radius).min(0.5 * (seen.eye[2] - seen.nearest)).max(1e-6 * radius),
-            far: f32::INFINITY,
-            lens: None,
+        self.seen_from(framing.axes(), framing.slopes()).camera(framing.axes())
+    }
+
+    /// Cameras all around the scene, `views` of them from equally spaced azimuths, the first from that of `framing`.
+    /// They look at the same point from the same distance, from which each of them sees all that [`Self::frame`] does.
+    pub fn turntable(&self, framing: &Framing, views: u32) -> Vec<Camera> {
+        let turned = |view: u32| {
+            let azimuth = framing.azimuth + 360.0 * view as f32 / views as f32;
+            Framing { azimuth, ..*framing }.axes()
+        };
+        let bounds = self
+            .framed_corners()
+            .fold([Vec3::MAX, Vec3::MIN], |[lower, upper], corner| [lower.min(corner), upper.max(corner)]);
+        let middle = 0.5 * (bounds[0] + bounds[1]);
+        let slopes = framing.slopes();
+        let around: Vec<[Vec3; 3]> = (0..views).map(turned).collect();
+        // From the middle to the eye, and to the nearest corner.
+        let (mut distance, mut nearest) = (0f32, 0f32);
+        for axes in &around {
+            for corner in self.framed_corners() {
+                let [x, y, z] = axes.map(|axis| axis.dot(corner - middle));
+                distance = distance.max(z + (x.abs() / slopes[0]).max(y.abs() / slopes[1]));
+                nearest = nearest.max(z);
+            }
         }
+        let extent = (bounds[1] - bounds[0]).max(Vec3::splat(1e-6));
+        let distance = distance.max(nearest + 1e-3 * extent.max_element());
+        let camera = |axes: [Vec3; 3]| {
+            let [x, y, z] = axes.map(|axis| axis.dot(middle));
+            Seen { eye: [x, y, z + distance], nearest: z + nearest, extent }.camera(axes)
+        };
+        around.into_iter().map(camera).collect()
     }
 
     /// The eye on the plane nearest to the scene from which all corners are within the slopes to both sides of the
     /// viewing direction, in coordinates along `axes`.
     fn seen_from(&self, axes: [Vec3; 3], slopes: [f32; 2]) -> Seen {
-        let unlit = || {
-            let unlit = (0..self.flat_triangles()).filter(|&i| self.triangles[i].light == NO_LIGHT);
-            unlit.flat_map(|i| self.triangle_positions(i)).chain(self.corners_of_others())
-        };
-        // Not in a list, because instances may have billions of corners.
-        let corners: Box<dyn Iterator<Item = Vec3>> = match () {
-            () if unlit().next().is_some() => Box::new(unlit()),
-            () if !self.is_empty() => Box::new(self.corners()),
-            // An empty scene gets a box of about unit size.
-            () => Box::new([Vec3::splat(-1.0), Vec3::ONE].into_iter()),
-        };
+        let corners = self.framed_corners();
         // A corner at (x, z) is inside if the eye's z is at least z + |x - eye.x| / slope. The two sides meet where the
         // largest z + x / slope and the largest z - x / slope allow it.
         let mut limits = [[f32::MIN; 2]; 2];
@@ -92,6 +109,21 @@ impl Scene {
         let extent = (upper - lower).max(Vec3::splat(1e-6));
         let z = z_by_x.max(z_by_y).max(upper.z + 1e-3 * extent.max_element());
         Seen { eye: [x, y, z], nearest: upper.z, extent }
+    }
+
+    /// The corners of every surface that emits no light, or of every surface if all of them emit.
+    fn framed_corners(&self) -> Box<dyn Iterator<Item = Vec3> + '_> {
+        let unlit = || {
+            let unlit = (0..self.flat_triangles()).filter(|&i| self.triangles[i].light == NO_LIGHT);
+            unlit.flat_map(|i| self.triangle_positions(i)).chain(self.corners_of_others())
+        };
+        // Not in a list, because instances may have billions of corners.
+        match () {
+            () if unlit().next().is_some() => Box::new(unlit()),
+            () if !self.is_empty() => Box::new(self.corners()),
+            // An empty scene gets a box of about unit size.
+            () => Box::new([Vec3::splat(-1.0), Vec3::ONE].into_iter()),
+        }
     }
 
     /// Why the camera sees nothing of the scene whatever its direction of view, if that is so.
@@ -117,4 +149,21 @@ struct Seen {
     nearest: f32,
     /// Size of the bounding box.
     extent: Vec3,
+}
+
+impl Seen {
+    fn camera(&self, axes: [Vec3; 3]) -> Camera {
+        let radius = 0.5 * self.extent.length();
+        let [right, up, backward] = axes;
+        Camera {
+            name: "framed".into(),
+            position: self.eye[0] * right + self.eye[1] * up + self.eye[2] * backward,
+            axes,
+            projection: Projection::Perspective { yfov: FRAME_YFOV_DEGREES.to_radians(), aspect: None },
+            // Nothing lies in front of it, however near the nearest corner comes.
+            near: (0.01 * radius).min(0.5 * (self.eye[2] - self.nearest)).max(1e-6 * radius),
+            far: f32::INFINITY,
+            lens: None,
+        }
+    }
 }

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::iter::Peekable;
 use std::ops::Range;
 
-use glam::{DAffine3, DMat3, DVec3, Vec3, Vec4};
+use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::description::Scene;
@@ -13,6 +13,7 @@ use super::light::{self, Emission, EmitterTriangle, Light, LightKind};
 use super::limits::{MAX_CORNERS, MAX_DISPLACEMENTS, MAX_VERTICES};
 use super::material::Material;
 use super::mesh::{Mesh, Primitive};
+use super::morph::Displaced;
 use super::node::Node;
 use super::normalisation::Normalisation;
 use super::notes::Notes;
@@ -108,7 +109,17 @@ pub(super) struct Geometry {
     radiance: Vec<Vec3>,
     default_material: Option<u32>,
     degenerate: usize,
+    /// The triangles of each placed primitive.
+    primitives: Vec<Range<usize>>,
     shared: BTreeMap<SharedKey, Shared>,
+}
+
+/// The placed primitives, except those of shared meshes.
+pub(super) struct Parts<'g> {
+    pub world: &'g [DVec3],
+    pub triangles: &'g mut [Triangle],
+    /// Those of each primitive.
+    pub ranges: &'g [Range<usize>],
 }
 
 impl Geometry {
@@ -132,6 +143,11 @@ impl Geometry {
             self.objects.push(first..self.world.len());
         }
         Ok(())
+    }
+
+    /// The placed primitives.
+    pub fn parts(&mut self) -> Parts<'_> {
+        Parts { world: &self.world, triangles: &mut self.triangles, ranges: &self.primitives }
     }
 
     fn material_of(&mut self, primitive: &Primitive, materials: &mut Vec<Material>) -> u32 {
@@ -175,7 +191,7 @@ impl Geometry {
     }
 
     fn instantiate(&mut self, placed: &PlacedMesh, primitive: &Primitive, material: u32, light: u32) -> Result<()> {
-        let first = self.vertices.len() as u32;
+        let (first, first_triangle) = (self.vertices.len() as u32, self.triangles.len());
         let shape = Shape::new(primitive, placed.weights)?;
         let transforms = match (&placed.joints, &primitive.influences) {
             (Some(joints), Some(influences)) => Transforms::Skin { influences, joints },
@@ -197,8 +213,8 @@ impl Geometry {
                     let handedness = if mirrored { -1.0 } else { 1.0 };
                     if tangent == Vec3::ZERO { Vec4::ZERO } else { tangent.extend(handedness) }
                 }),
-                uv: [0, 1].map(|set| primitive.uvs[set].get(i).copied().unwrap_or_default()),
-                colour: primitive.colours.get(i).copied().unwrap_or(Vec4::ONE),
+                uv: [0, 1].map(|set| shape.uvs[set].get(i).copied().unwrap_or_default()),
+                colour: shape.colours.get(i).copied().unwrap_or(Vec4::ONE),
             });
         }
         for corners in &primitive.triangles {
@@ -211,6 +227,7 @@ impl Geometry {
                 self.triangles.push(Triangle { vertices, material, light });
             }
         }
+        self.primitives.push(first_triangle..self.triangles.len());
         Ok(())
     }
 
@@ -478,6 +495,8 @@ struct Shape {
     /// Of each vertex, or empty; as in the file, not of unit length. The same holds for tangents.
     normals: Vec<DVec3>,
     tangents: Vec<DVec3>,
+    uvs: [Vec<Vec2>; 2],
+    colours: Vec<Vec4>,
 }
 
 impl Shape {
@@ -486,9 +505,12 @@ impl Shape {
             positions: primitive.positions.iter().map(|p| p.as_dvec3()).collect(),
             normals: primitive.normals.iter().map(|n| n.as_dvec3()).collect(),
             tangents: primitive.tangents.iter().map(|t| t.truncate().as_dvec3()).collect(),
+            uvs: primitive.uvs.clone(),
+            colours: primitive.colours.clone(),
         };
         if let Some(morph) = &primitive.morph {
-            morph.apply([&mut shape.positions, &mut shape.normals, &mut shape.tangents], weights)?;
+            let Shape { positions, normals, tangents, uvs: [uv0, uv1], colours } = &mut shape;
+            morph.apply(Displaced { vectors: [positions, normals, tangents], uvs: [uv0, uv1], colours }, weights)?;
         }
         Ok(shape)
     }

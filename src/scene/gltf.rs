@@ -4,6 +4,7 @@
 //! error has a JSON pointer, and every number is checked where it is used.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::DAffine3;
 
@@ -26,8 +27,8 @@ use super::skin::Skin;
 use super::texture::TextureImage;
 use super::variants::Variants;
 use super::{
-    accessor, animation, camera, container, draco, geometry, images, instancing, light, material, mesh, meshopt, node,
-    procedural, repeats, skin,
+    accessor, animation, camera, container, draco, geometry, image_light, images, immersion, instancing, light,
+    material, mesh, meshopt, node, procedural, repeats, skin,
 };
 use crate::input::read_file;
 use crate::{Error, Result};
@@ -44,6 +45,7 @@ const SUPPORTED: &[&str] = &[
     "KHR_node_visibility",
     "KHR_texture_transform",
     draco::EXTENSION,
+    image_light::EXTENSION,
     images::BASIS,
     images::WEBP,
     instancing::EXTENSION,
@@ -90,6 +92,7 @@ impl Scene {
         let posed = animation::pose(&root, &accessors, options, &mut notes)?;
         let root = posed.document.as_ref().map_or(root, |document| Json::root(document, path));
         let encoded = images::read_images(&root, &views, &mut resources, options.lenient, &mut notes)?;
+        let panorama = image_light::read(&root, &encoded, options.lenient, &mut notes)?;
         let (materials, images) = materials(&root, encoded, options, &mut notes)?;
         let cameras = camera::read(&root)?;
         let lights = light::read(&root, &mut notes)?;
@@ -105,9 +108,10 @@ impl Scene {
             Scene { images, textures: materials.textures, materials: materials.materials, ..Default::default() };
         let mut geometry = document.geometry(&mut scene.materials, options)?;
         let procedurals = procedural::read(&document.nodes, &mut resources, &mut scene, &mut notes)?;
+        immersion::immerse(&mut geometry, &mut scene.materials, &mut notes);
         geometry.procedural_corners = procedurals.iter().flat_map(|placed| placed.corners).collect();
         geometry.find_emitters(&scene);
-        let has_light = geometry.emits() || document.has_punctual_light();
+        let has_light = geometry.emits() || document.has_punctual_light() || panorama.is_some();
         let default_light = options.default_light && !has_light;
         if default_light && geometry.add_default_light(document.nodes.len(), &mut scene.materials) {
             notes.push("no light in the file: a soft one is added above the scene");
@@ -116,6 +120,10 @@ impl Scene {
         procedural::place(procedurals, &mut scene)?;
         let mesh_lights = geometry.finish(&mut scene, &mut notes);
         document.add_lights_and_cameras(&mut scene, mesh_lights, &mut notes)?;
+        if let Some(panorama) = panorama {
+            let too_bright = |_| root.error("the radiance of its image-based light is out of range");
+            scene.set_environment(Arc::new(panorama), 0.0, 1.0).map_err(too_bright)?;
+        }
         note_omissions(&scene, &skipped, &mut notes)?;
         scene.notes = notes.into_lines();
         scene.files = resources.files(path);
@@ -371,7 +379,10 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, notes: &mut Notes) -> 
             notes.push(format!("{count} {text}"));
         }
     };
-    note(skipped.partly_morphed, "primitives have morph targets of colours or texture coordinates, which stay");
+    note(
+        skipped.partly_morphed,
+        "primitives have morph targets of attributes that they lack or that are not supported, which stay",
+    );
     note(skipped.uneven, "primitives have weights of joints whose sum is not 1: they are divided by it");
     note(skipped.points_and_lines, "primitives are points or lines and are left out");
     note(skipped.without_positions, "primitives have no positions and are left out");

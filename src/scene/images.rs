@@ -150,6 +150,14 @@ impl Encoded<'_> {
         matches!(self.content, Content::Broken)
     }
 
+    /// Its size in texels, where it can be decoded.
+    pub fn size(&self) -> Option<[u32; 2]> {
+        match self.content {
+            Content::Known(_, size) => Some(size),
+            _ => None,
+        }
+    }
+
     /// Adds to the error of an image what the user can do.
     pub fn with_remedy(error: Error) -> Error {
         match error {

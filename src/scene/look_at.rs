@@ -8,8 +8,24 @@ use super::description::Scene;
 /// Share of the scene's size nearer than which a placed camera sees nothing: less than any surface is looked at from.
 const NEAR: f32 = 1e-4;
 
-/// Sine of the angle to the vertical below which the direction of view has no upright image of its own.
+/// Sine of the angle to the direction that is up below which the direction of view has no upright image of its own.
 const STEEP: f64 = 1e-6;
+
+/// How much a placed camera sees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Extent {
+    /// A perspective camera of this vertical field of view in degrees, more than 0 and less than 180.
+    FieldOfView(f64),
+    /// An orthographic camera that sees this height, more than 0, in the units of the file.
+    Height(f64),
+}
+
+impl Default for Extent {
+    /// As of a 50 mm lens on 36 mm film.
+    fn default() -> Self {
+        Extent::FieldOfView(40.0)
+    }
+}
 
 /// Where a camera is, and where it looks, in the file's world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,26 +34,31 @@ pub struct LookAt {
     pub from: DVec3,
     /// What is in the centre of the image.
     pub at: DVec3,
-    /// Vertical field of view in degrees, more than 0 and less than 180.
-    pub fov: f64,
+    /// The direction that is up in the image, of any length.
+    pub up: DVec3,
+    /// How much it sees.
+    pub extent: Extent,
 }
 
 impl LookAt {
-    /// Vertical field of view in degrees, if none is stated: as of a 50 mm lens on 36 mm film.
-    pub const FOV: f64 = 40.0;
+    /// An upright view: +Y is up.
+    pub const fn upright(from: DVec3, at: DVec3, extent: Extent) -> LookAt {
+        LookAt { from, at, up: DVec3::Y, extent }
+    }
 
-    /// The axes of the image, each of unit length: right, up and backward. +Y is up in the image; -Z, if the view is
-    /// along Y. None if both positions are the same.
+    /// The axes of the image, each of unit length: right, up and backward. If the view is along `up`, -Z is up in the
+    /// image, or Y if the view is along Z. None if both positions are the same.
     pub fn axes(&self) -> Option<[DVec3; 3]> {
         let backward = (self.from - self.at).try_normalize()?;
-        let up = if DVec3::Y.cross(backward).length() > STEEP { DVec3::Y } else { DVec3::NEG_Z };
+        let ups = [self.up.normalize_or_zero(), DVec3::NEG_Z, DVec3::Y];
+        let up = ups.into_iter().find(|up| up.cross(backward).length() > STEEP)?;
         let right = up.cross(backward).try_normalize()?;
         Some([right, backward.cross(right), backward])
     }
 }
 
 impl Scene {
-    /// The perspective camera of a placed view.
+    /// The camera of a placed view.
     ///
     /// # Errors
     /// What is wrong, if the view has no direction or the camera is too far away for a scene of this size.
@@ -47,11 +68,21 @@ impl Scene {
         if !position.is_finite() {
             return Err("the camera is too far away for a scene of this size".to_owned());
         }
+        let projection = match view.extent {
+            Extent::FieldOfView(fov) => Projection::Perspective { yfov: fov.to_radians() as f32, aspect: None },
+            Extent::Height(height) => {
+                let half = (0.5 * height * self.normalisation.scale()) as f32;
+                if !half.is_normal() {
+                    return Err(format!("a height of {height} is out of range for a scene of this size"));
+                }
+                Projection::Orthographic { xmag: half, ymag: half }
+            }
+        };
         Ok(Camera {
             name: "placed".into(),
             position,
             axes: axes.map(|axis| axis.as_vec3()),
-            projection: Projection::Perspective { yfov: view.fov.to_radians() as f32, aspect: None },
+            projection,
             near: NEAR,
             far: f32::INFINITY,
             lens: None,

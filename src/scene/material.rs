@@ -33,6 +33,15 @@ pub enum AlphaMode {
     Blend,
 }
 
+/// The volume of another object that a surface lies in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Medium {
+    /// Its index of refraction.
+    pub ior: f32,
+    /// What it absorbs.
+    pub volume: Volume,
+}
+
 /// The material, and what has to be done for each of its lobes: fields given by documentation, name and type.
 macro_rules! material {
     ($($(#[$doc:meta])* $lobe:ident: $type:ty),* $(,)?) => {
@@ -59,6 +68,8 @@ macro_rules! material {
             pub double_sided: bool,
             /// KHR_materials_unlit: shown as its base colour, casts shadows, reflects and emits nothing.
             pub unlit: bool,
+            /// The volume that the surface lies in; none for air. Import finds it: [`Medium`].
+            pub medium: Option<Medium>,
             /// Base colour (sRGB) and alpha.
             pub base_colour_texture: Option<TextureInfo>,
             /// Roughness in G, metallic in B.
@@ -87,6 +98,7 @@ macro_rules! material {
                     alpha: AlphaMode::Opaque,
                     double_sided: false,
                     unlit: false,
+                    medium: None,
                     base_colour_texture: None,
                     metallic_roughness_texture: None,
                     normal_texture: None,
@@ -162,6 +174,10 @@ material! {
     sheen: Sheen,
     /// A thin film on the specular lobe.
     iridescence: Iridescence,
+    /// The part of the diffuse base that lets light pass.
+    diffuse_transmission: DiffuseTransmission,
+    /// How the index of refraction depends on the wavelength.
+    dispersion: Dispersion,
 }
 
 impl Material {
@@ -200,6 +216,11 @@ impl Material {
         self.unlit || (bare && !self.has_transmitting_lobe() && !self.has_reflecting_lobe())
     }
 
+    /// Refracts each wavelength its own way.
+    pub(crate) fn disperses(&self) -> bool {
+        self.dispersion.strength > 0.0 && self.transmission.is_present() && self.volume.is_some()
+    }
+
     /// Reflects nothing and lets nothing pass.
     pub(crate) fn is_black(&self) -> bool {
         self.unlit || (self.is_lambertian() && self.base_colour.truncate() == Vec3::ZERO)
@@ -222,14 +243,19 @@ impl Material {
         };
         let flag = |flag: u32, on: bool| if on { flag } else { 0 };
         let flags = alpha | flag(DOUBLE_SIDED, self.double_sided) | flag(UNLIT, self.unlit);
+        let outside = self.medium.map_or(1.0, |medium| medium.ior);
+        let absorption = self.medium.map_or([0.0; 3], |medium| medium.volume.absorption(scale));
         // Reflectance at normal incidence, KHR_materials_ior.
-        let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
+        let ior = self.ior / outside;
+        let f0 = ((ior - 1.0) / (ior + 1.0)).powi(2);
+        let [red, green, blue] = absorption;
         let base = [
             self.base_colour.to_array(),
             self.emissive.extend(self.metallic).to_array(),
             [self.roughness, f0, self.normal_scale, cutoff],
+            [red, green, blue, 0.0],
         ];
-        let lobes = self.lobe_texels(&Surroundings { scale, ior: self.ior });
+        let lobes = self.lobe_texels(&Surroundings { scale, ior: self.ior, outside, absorption });
         let textures = infos.iter().enumerate().fold(0, |mask, (i, info)| mask | u32::from(*info != 0) << i);
         let mut words = vec![flags | textures << FLAG_BITS];
         words.extend(infos);
@@ -252,7 +278,7 @@ const BASE_TEXTURES: [&str; 4] =
     ["BASE_COLOUR_TEXTURE", "METALLIC_ROUGHNESS_TEXTURE", "NORMAL_TEXTURE", "EMISSION_TEXTURE"];
 
 /// Texels that every material has before those of its lobes.
-const BASE_TEXELS: [&str; 3] = ["BASE_COLOUR_TEXEL", "EMISSION_TEXEL", "SURFACE_TEXEL"];
+const BASE_TEXELS: [&str; 4] = ["BASE_COLOUR_TEXEL", "EMISSION_TEXEL", "SURFACE_TEXEL", "MEDIUM_TEXEL"];
 
 /// Uses of textures that a material may have.
 pub(crate) const TEXTURE_USES: usize = {

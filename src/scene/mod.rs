@@ -5,6 +5,7 @@
 //! otherwise. Radiance keeps the file's units.
 
 mod accessor;
+mod added_camera;
 mod animation;
 mod camera;
 mod container;
@@ -16,7 +17,9 @@ mod fingerprint;
 mod framing;
 mod geometry;
 mod gltf;
+mod image_light;
 mod images;
+mod immersion;
 mod import_options;
 mod instance;
 mod instances;
@@ -44,6 +47,7 @@ mod texture;
 mod triangle;
 mod variants;
 
+pub use added_camera::{AddedCamera, with_camera};
 pub use camera::{Camera, Lens, Projection};
 pub use description::Scene;
 pub use framing::Framing;
@@ -51,10 +55,10 @@ pub use import_options::ImportOptions;
 pub use instance::{Instance, SharedMesh};
 pub use lens::{Focus, Iris};
 pub use light::{EmitterTriangle, Light, LightKind};
-pub use look_at::LookAt;
+pub use look_at::{Extent, LookAt};
 pub(crate) use material::lobes::sheen;
 pub use material::lobes::*;
-pub use material::{AlphaMode, Material};
+pub use material::{AlphaMode, Material, Medium};
 pub(crate) use material::{TEXTURE_USES, constants as material_constants};
 pub use normalisation::Normalisation;
 pub use panorama::Panorama;

@@ -1,23 +1,40 @@
 //! Morph targets: displacements of a mesh's vertices, scaled by weights (glTF 3.7.2.2).
 
-use glam::DVec3;
+use glam::{DVec3, Vec2, Vec4};
 
 use super::accessor::{Accessor, Component};
 use super::json::Json;
 use crate::Result;
 
-/// The attributes that targets displace.
-const ATTRIBUTES: [&str; 3] = ["POSITION", "NORMAL", "TANGENT"];
+/// The attributes that targets displace, and the numbers of components that their displacements may have.
+const ATTRIBUTES: [(&str, &[usize]); 6] = [
+    ("POSITION", &[3]),
+    ("NORMAL", &[3]),
+    ("TANGENT", &[3]),
+    ("TEXCOORD_0", &[2]),
+    ("TEXCOORD_1", &[2]),
+    ("COLOR_0", &[3, 4]),
+];
+
+/// Those that are an error without the primitive's own; others without it are noted.
+const SHAPE: [&str; 3] = ["POSITION", "NORMAL", "TANGENT"];
+
+/// Of vertices: positions, normals, tangents, two sets of texture coordinates, colours; each of all or empty.
+pub(super) struct Displaced<'d> {
+    pub vectors: [&'d mut [DVec3]; 3],
+    pub uvs: [&'d mut [Vec2]; 2],
+    pub colours: &'d mut [Vec4],
+}
 
 /// The morph targets of a primitive. Their displacements stay in the file's accessors: many targets may share them.
 pub(super) struct Morph<'r, 'a> {
-    targets: Vec<[Option<&'r Accessor<'a>>; 3]>,
+    targets: Vec<[Option<&'r Accessor<'a>>; ATTRIBUTES.len()]>,
     /// The vertices of the accessors that the primitive uses; none for all of them.
     which: Option<Vec<u32>>,
 }
 
 /// A target as the file has it: accessors by attribute, with their references.
-pub(super) type Target<'r, 'a> = [Option<(&'r Accessor<'a>, Json<'a>)>; 3];
+pub(super) type Target<'r, 'a> = [Option<(&'r Accessor<'a>, Json<'a>)>; ATTRIBUTES.len()];
 
 /// Reads one target of a primitive with `count` vertices. `base` tells which attributes the primitive has. The second
 /// result says whether it has displacements of other attributes.
@@ -27,17 +44,20 @@ pub(super) fn target<'r, 'a>(
     base: impl Fn(&str) -> Result<bool>,
     count: usize,
 ) -> Result<(Target<'r, 'a>, bool)> {
-    let mut target = [None, None, None];
-    for (attribute, name) in target.iter_mut().zip(ATTRIBUTES) {
+    let mut target = [const { None }; ATTRIBUTES.len()];
+    for (attribute, (name, widths)) in target.iter_mut().zip(ATTRIBUTES) {
         let Some(index) = json.get(name)? else { continue };
         let accessor = &accessors[index.index(accessors.len(), "accessor")?];
         if !base(name)? {
+            if !SHAPE.contains(&name) {
+                continue;
+            }
             return Err(index.error(format!("the primitive itself has no {name}")));
         }
         if accessor.count != count {
             return Err(index.error(format!("has {} elements, POSITION has {count}", accessor.count)));
         }
-        if accessor.width != 3 || accessor.component == Component::U32 {
+        if !widths.contains(&accessor.width) || accessor.component == Component::U32 {
             return Err(index.error("the type of its accessor is not allowed for displacements"));
         }
         *attribute = Some((accessor, index));
@@ -52,7 +72,7 @@ impl<'r, 'a> Morph<'r, 'a> {
     pub fn new(targets: Vec<Target<'r, 'a>>, which: Option<Vec<u32>>) -> Result<(Self, Option<(Json<'a>, usize)>)> {
         let mut wrong = None;
         for (accessor, json) in targets.iter().flatten().flatten() {
-            let values = accessor.floats::<3>(0.0, which.as_deref())?;
+            let values = accessor.floats::<4>(0.0, which.as_deref())?;
             if let Some(i) = values.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
                 let element = which.as_ref().map_or(i, |which| which[i] as usize);
                 wrong.get_or_insert((json.clone(), element));
@@ -63,20 +83,41 @@ impl<'r, 'a> Morph<'r, 'a> {
         Ok((Morph { targets, which }, wrong))
     }
 
-    /// Adds the displacements of attribute `index` (position, normal, tangent) by weight.
-    fn displace(&self, index: usize, values: &mut [DVec3], weights: &[f64]) -> Result<()> {
+    /// Adds the displacements of attribute `index` of [`ATTRIBUTES`] by weight.
+    fn displace<const N: usize, T>(
+        &self,
+        index: usize,
+        values: &mut [T],
+        weights: &[f64],
+        add: impl Fn(&mut T, [f32; N], f64),
+    ) -> Result<()> {
         for (target, weight) in self.targets.iter().zip(weights).filter(|(_, weight)| **weight != 0.0) {
             let Some(accessor) = target[index] else { continue };
-            let displacements = accessor.floats::<3>(0.0, self.which.as_deref())?;
-            for (value, [x, y, z]) in values.iter_mut().zip(displacements) {
-                *value += *weight * DVec3::new(x.into(), y.into(), z.into());
+            let displacements = accessor.floats::<N>(0.0, self.which.as_deref())?;
+            for (value, by) in values.iter_mut().zip(displacements) {
+                add(value, by, *weight);
             }
         }
         Ok(())
     }
 
-    /// Displaces positions, normals and tangents, each of all vertices or empty.
-    pub fn apply(&self, attributes: [&mut [DVec3]; 3], weights: &[f64]) -> Result<()> {
-        attributes.into_iter().enumerate().try_for_each(|(i, values)| self.displace(i, values, weights))
+    /// Displaces all attributes by weight. Colours stay within 0 and 1.
+    pub fn apply(&self, displaced: Displaced, weights: &[f64]) -> Result<()> {
+        for (i, values) in displaced.vectors.into_iter().enumerate() {
+            self.displace::<3, _>(i, values, weights, |value, by, weight| {
+                *value += weight * DVec3::from(by.map(f64::from));
+            })?;
+        }
+        for (i, values) in displaced.uvs.into_iter().enumerate() {
+            self.displace::<2, _>(3 + i, values, weights, |value, by, weight| {
+                *value += weight as f32 * Vec2::from(by)
+            })?;
+        }
+        let colours = displaced.colours;
+        self.displace::<4, _>(5, colours, weights, |value, by, weight| *value += weight as f32 * Vec4::from(by))?;
+        if self.targets.iter().zip(weights).any(|(target, weight)| target[5].is_some() && *weight != 0.0) {
+            colours.iter_mut().for_each(|colour| *colour = colour.clamp(Vec4::ZERO, Vec4::ONE));
+        }
+        Ok(())
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use glam::{Mat2, Vec2, Vec4};
+use glam::{Mat2, Vec2, Vec3, Vec4};
 
 /// The use of a texture by a material (glTF's textureInfo).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,6 +110,13 @@ impl TextureImage {
             ColourSpace::Srgb => SRGB_TO_LINEAR[byte as usize],
         };
         Vec4::new(colour(r), colour(g), colour(b), plain(a))
+    }
+
+    /// The radiance of a texel that is coded as RGBD: sRGB colour, divided by alpha, of which 0 counts as 1/255. An
+    /// image without alpha is a plain colour.
+    pub(super) fn rgbd(&self, texel: [u32; 2]) -> Vec3 {
+        let coded = self.linear(texel, ColourSpace::Srgb);
+        coded.truncate() / coded.w.max(1.0 / 255.0)
     }
 
     /// Linear RGBA at `uv` (v down, texel centres at half-integers) with the filter and wrap modes of `texture`.

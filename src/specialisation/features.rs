@@ -42,6 +42,12 @@ kernel_kit::features! {
         Sheen,
         /// Scene: some material is iridescent.
         Iridescence,
+        /// Scene: some material transmits light diffusely.
+        DiffuseTransmission,
+        /// Scene: some material refracts each wavelength its own way.
+        Dispersion,
+        /// Scene: some surface lies in the volume of another.
+        Immersed,
         /// Scene: some material is alpha-masked or blended, so rays test the triangles that they hit.
         AlphaTest,
         /// Scene: some material is unlit.
@@ -84,6 +90,8 @@ kernel_kit::features! {
         ExactCounts,
         /// Method: where the map does not decide, the shadow rays of earlier samples are photons.
         FineCells,
+        /// Output: which cells decide the points, for a window that shows them.
+        ShownCells,
         /// Method: rays from the cells of a grid estimate the visibility of lights from the points in them.
         Cells,
         /// Method: a cell decides only if its neighbours agree with it.

@@ -98,7 +98,9 @@ impl Specialisation {
             0 => "`indirect.max_bounces` is 0",
             _ => "no material is a mirror or clear glass",
         };
-        let continued = !paths && settings.indirect.max_bounces > 0 && lit && m.clear > 0;
+        // Paths carry light alone, which unlit surfaces are not.
+        let shown = (lit && !paths) || m.unlit > 0;
+        let continued = settings.indirect.max_bounces > 0 && shown && m.clear > 0;
         let cost = "rays onwards from such surfaces to surfaces with photons; 16 B per point";
         self.decide(Feature::SpecularChains, continued, why, unneeded, cost);
         let why = format!("{} that may focus light", count(m.focusing, "material"));

@@ -75,6 +75,8 @@ impl Specialisation {
         let noise = settings.image.noise;
         let reason = noise.map_or(String::new(), |noise| format!("pixels get samples until their relMSE is {noise}"));
         self.decide(Feature::AdaptiveSampling, noise.is_some(), reason, "all pixels get the same samples", &cost);
+        let cost = "a read of the fine cells at every point";
+        self.decide(Feature::ShownCells, false, String::new(), "no window shows them", cost);
         let hides = scene.environment().is_some() && !shown;
         let unneeded = if shown { "what is behind the scene is seen" } else { "there is none" };
         self.decide(Feature::HiddenEnvironment, hides, "another background is shown".into(), unneeded, "nothing");

@@ -81,12 +81,12 @@ fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
     longest2 > LONG * height
 }
 
-/// Whether a material may focus light: it transmits light, or is a smooth metal or a thin film. This is decided by its
+/// Whether a material may focus light: it refracts light, or is a smooth metal or a thin film. This is decided by its
 /// factors, which textures can only reduce.
 fn focuses(m: &Material) -> bool {
     let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6 || has_lobe(m, Part::Film);
     let smooth = m.roughness * m.roughness <= FOCUSING_ALPHA || m.metallic_roughness_texture.is_some();
-    !m.unlit && (m.has_transmitting_lobe() || (metal && smooth))
+    !m.unlit && (m.transmission.is_present() || (metal && smooth))
 }
 
 /// Maximum roughness factor of surfaces that look like mirrors or clear glass. Its square is the minimum alpha of the

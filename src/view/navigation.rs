@@ -4,38 +4,58 @@ use std::f64::consts::PI;
 
 use glam::{DQuat, DVec3};
 
-use crate::scene::{Camera, LookAt, Projection, Scene};
+use crate::scene::{Camera, Extent, LookAt, Projection, Scene};
 
-/// Angle from the vertical at which an orbit stops, in radians: beyond it, up and down of the image would change sides.
+/// Angle from the direction that is up at which an orbit stops, in radians: beyond it, up and down of the image would
+/// change sides.
 const STEEPEST: f64 = 0.01;
 
 /// Digits that are kept of a position, by the size of the scene: a pixel of a large image sees less, and short numbers
 /// make short commands.
 const DIGITS: i32 = 6;
 
+/// Height of the right axis of a camera that counts as upright: rounding leaves less.
+const LEVEL: f64 = 1e-5;
+
 /// Turns the camera about what it looks at: by half a turn to the right for 1 of `right`, and by half a turn upward for
-/// 1 of `up`.
+/// 1 of `up`. Its own direction that is up stays up.
 pub fn orbit(view: &LookAt, [right, up]: [f64; 2]) -> LookAt {
     let arm = view.from - view.at;
     let distance = arm.length();
-    let Some(backward) = arm.try_normalize() else { return *view };
-    let elevation = backward.angle_between(DVec3::Y);
+    let (Some(backward), Some(pole)) = (arm.try_normalize(), view.up.try_normalize()) else { return *view };
+    let elevation = backward.angle_between(pole);
     let steps = (elevation - PI * up).clamp(STEEPEST, PI - STEEPEST) - elevation;
     let Some([across, ..]) = view.axes() else { return *view };
-    let turned = DQuat::from_rotation_y(PI * right) * DQuat::from_axis_angle(across, steps) * backward;
+    let turned = DQuat::from_axis_angle(pole, PI * right) * DQuat::from_axis_angle(across, steps) * backward;
     LookAt { from: view.at + distance * turned, ..*view }
 }
 
 /// Moves the camera and what it looks at along the image, by shares of its height: what it looks at moves in the image
 /// by as much the other way.
 pub fn pan(view: &LookAt, [right, up]: [f64; 2]) -> LookAt {
-    let height = 2.0 * (0.5 * view.fov.to_radians()).tan() * view.from.distance(view.at);
-    fly(view, DVec3::new(right, up, 0.0) * height)
+    fly(view, DVec3::new(right, up, 0.0) * seen_height(view))
 }
 
-/// Moves the camera towards what it looks at: by 1 to 1 / e of the distance.
+/// The height that the camera sees at the distance of what it looks at.
+fn seen_height(view: &LookAt) -> f64 {
+    match view.extent {
+        Extent::FieldOfView(fov) => 2.0 * (0.5 * fov.to_radians()).tan() * view.from.distance(view.at),
+        Extent::Height(height) => height,
+    }
+}
+
+/// Moves the camera towards what it looks at: by 1 to 1 / e of the distance. An orthographic camera sees as much less
+/// instead, and stays where it is.
 pub fn dolly(view: &LookAt, steps: f64) -> LookAt {
-    LookAt { from: view.at + (view.from - view.at) * (-steps).exp(), ..*view }
+    scaled(view, (-steps).exp())
+}
+
+/// The camera at `share` of its distance.
+fn scaled(view: &LookAt, share: f64) -> LookAt {
+    match view.extent {
+        Extent::FieldOfView(_) => LookAt { from: view.at + (view.from - view.at) * share, ..*view },
+        Extent::Height(height) => LookAt { extent: Extent::Height(height * share), ..*view },
+    }
 }
 
 /// Moves the camera and what it looks at along its axes: right, up and forward, in the units of the file.
@@ -47,36 +67,66 @@ pub fn fly(view: &LookAt, way: DVec3) -> LookAt {
 
 /// Looks at another point, on the way to which the camera keeps a share of the distance: it stays in sight.
 pub fn centre(view: &LookAt, at: DVec3, share: f64) -> LookAt {
-    LookAt { from: at + share * (view.from - at), at, ..*view }
+    match view.extent {
+        Extent::FieldOfView(_) => LookAt { from: at + share * (view.from - at), at, ..*view },
+        Extent::Height(_) => scaled(&LookAt { from: view.from + (at - view.at), at, ..*view }, share),
+    }
 }
 
-/// A camera of the scene as one that can be moved. It looks at the point `depth` ahead, in normalised units, and is
-/// upright. One that is orthographic sees about as much at that depth.
+/// A view that sees a ball from the same side, in an image of `aspect` times its height.
+pub fn around(view: &LookAt, centre: DVec3, radius: f64, aspect: f64) -> Option<LookAt> {
+    let [_, _, backward] = view.axes()?;
+    let narrow = aspect.min(1.0);
+    let (distance, extent) = match view.extent {
+        Extent::FieldOfView(fov) => {
+            let slope = (0.5 * fov.to_radians()).tan() * narrow;
+            (radius / slope.atan().sin(), view.extent)
+        }
+        // From far enough that the whole ball is ahead.
+        Extent::Height(_) => (2.0 * radius, Extent::Height(2.0 * radius / narrow)),
+    };
+    Some(LookAt { from: centre + distance * backward, at: centre, up: view.up, extent })
+}
+
+/// A camera of the scene as one that can be moved. It looks at the point `depth` ahead, in normalised units. One that
+/// is rolled keeps its own direction that is up, all others +Y.
 pub fn placed(scene: &Scene, camera: &Camera, depth: f32) -> LookAt {
     let ahead = camera.position - depth * camera.axes[2];
-    let fov = match camera.projection {
-        Projection::Perspective { yfov, .. } => f64::from(yfov).to_degrees(),
-        Projection::Orthographic { ymag, .. } => 2.0 * f64::from(ymag / depth).atan().to_degrees(),
+    let extent = match camera.projection {
+        Projection::Perspective { yfov, .. } => Extent::FieldOfView(f64::from(yfov).to_degrees()),
+        Projection::Orthographic { ymag, .. } => Extent::Height(2.0 * f64::from(ymag) / scene.normalisation.scale()),
     };
-    LookAt { from: scene.normalisation.undo(camera.position), at: scene.normalisation.undo(ahead), fov }
+    let [right, up, _] = camera.axes.map(|axis| axis.as_dvec3());
+    let is_upright = right.y.abs() < LEVEL && up.y > 0.0;
+    let up = if is_upright { DVec3::Y } else { up };
+    LookAt { from: scene.normalisation.undo(camera.position), at: scene.normalisation.undo(ahead), up, extent }
 }
 
 /// The view with as few digits as a scene needs whose normalised size is `scale` of its own.
 pub fn rounded(view: &LookAt, scale: f64) -> LookAt {
     let digits = scale.log10().ceil() as i32 + DIGITS;
+    let extent = match view.extent {
+        Extent::FieldOfView(fov) => Extent::FieldOfView((fov * 1e3).round() / 1e3),
+        // However near: as many digits as the number needs.
+        Extent::Height(height) => Extent::Height(short(height, DIGITS - height.log10().ceil() as i32)),
+    };
+    let all = |p: DVec3, digits| DVec3::new(short(p.x, digits), short(p.y, digits), short(p.z, digits));
+    LookAt { from: all(view.from, digits), at: all(view.at, digits), up: all(view.up, DIGITS), extent }
+}
+
+/// A number with so many digits after its point; before it, where that is negative.
+fn short(x: f64, digits: i32) -> f64 {
     let unit = 10f64.powi(digits.abs());
     // A power of ten below 1 is not exact, and dividing by one above 1 rounds to the shortest decimal number.
-    let short = |x: f64| if digits >= 0 { (x * unit).round() / unit } else { (x / unit).round() * unit };
-    let fov = (view.fov * 1e3).round() / 1e3;
-    let short = |p: DVec3| DVec3::new(short(p.x), short(p.y), short(p.z));
-    LookAt { from: short(view.from), at: short(view.at), fov }
+    if digits >= 0 { (x * unit).round() / unit } else { (x / unit).round() * unit }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const VIEW: LookAt = LookAt { from: DVec3::new(1.0, 2.0, 5.0), at: DVec3::new(0.0, 1.0, 0.0), fov: 40.0 };
+    const VIEW: LookAt =
+        LookAt::upright(DVec3::new(1.0, 2.0, 5.0), DVec3::new(0.0, 1.0, 0.0), Extent::FieldOfView(40.0));
 
     fn assert_near(a: DVec3, b: DVec3) {
         // Some operations of numbers of size 10.
@@ -116,6 +166,43 @@ mod tests {
         let near = dolly(&VIEW, 1.0);
         assert!((near.from.distance(near.at) * 1f64.exp() - VIEW.from.distance(VIEW.at)).abs() < 1e-12);
         assert_near(dolly(&near, -1.0).from, VIEW.from);
+    }
+
+    /// A camera that lies on its side stays there: what is up in its image stays so while it goes about that axis.
+    #[test]
+    fn an_orbit_keeps_the_roll() {
+        let rolled = LookAt { up: DVec3::new(2.0, 0.0, 0.0), ..VIEW };
+        let there = orbit(&rolled, [0.3, 0.0]);
+        assert!((there.from.x - rolled.from.x).abs() < 1e-12, "a turn about x leaves x");
+        assert!((there.from.distance(there.at) - rolled.from.distance(rolled.at)).abs() < 1e-12);
+        let [right, up, _] = there.axes().unwrap();
+        assert!(right.x.abs() < 1e-12 && up.x > 0.0);
+        assert_eq!(there.up, rolled.up);
+    }
+
+    /// An orthographic camera stays one: a dolly changes what it sees, a pan moves by shares of that.
+    #[test]
+    fn an_orthographic_camera_stays_orthographic() {
+        let view = LookAt { extent: Extent::Height(3.0), ..VIEW };
+        assert_eq!(dolly(&view, 2f64.ln()), LookAt { extent: Extent::Height(1.5), ..view });
+        let panned = pan(&view, [0.5, 0.0]);
+        assert!((panned.at.distance(view.at) - 1.5).abs() < 1e-12);
+        let near = centre(&view, DVec3::ONE, 0.5);
+        assert_near(near.from - near.at, view.from - view.at);
+        assert_eq!((near.at, near.extent), (DVec3::ONE, Extent::Height(1.5)));
+        assert_eq!(orbit(&view, [0.3, 0.1]).extent, view.extent);
+    }
+
+    /// A ball that is framed touches the sides of the image that are nearest: by its tangent cone.
+    #[test]
+    fn a_ball_is_framed() {
+        let [centre, radius] = [DVec3::new(1.0, -2.0, 0.5), DVec3::splat(0.7)];
+        for (aspect, half) in [(2.0, 20f64.to_radians()), (0.5, (0.5 * 20f64.to_radians().tan()).atan())] {
+            let seen = around(&VIEW, centre, radius.x, aspect).unwrap();
+            assert!((radius.x / seen.from.distance(centre) - half.sin()).abs() < 1e-12);
+            let flat = around(&LookAt { extent: Extent::Height(9.0), ..VIEW }, centre, radius.x, aspect).unwrap();
+            assert_eq!(flat.extent, Extent::Height(1.4 / aspect.min(1.0)));
+        }
     }
 
     #[test]

@@ -1,10 +1,12 @@
 //! What the window shows of an image: the picture, or what the method did to make it.
 
+use glam::Vec3;
+
 use crate::Image;
 use crate::gpu_scene::CameraUniform;
-use crate::kernels::Class;
+use crate::kernels::{CellKind, Class, ShownCell};
 use crate::render::film::View;
-use crate::render::photons::VisibilityPhoton;
+use crate::render::photons::{NearestPhotons, VisibilityPhoton};
 use crate::scene::Camera;
 use crate::settings::Aov;
 
@@ -18,6 +20,8 @@ pub enum Overlay {
     Classes,
     /// The photons of the visibility map, over the picture.
     Photons,
+    /// The cells that decide the points for a light, and their classes.
+    Cells,
     /// Samples of the pixels.
     Samples,
     /// The estimated standard error of the denoised picture, over its brightness.
@@ -32,10 +36,11 @@ pub enum Overlay {
 
 impl Overlay {
     /// All of them, in the order of the panel.
-    pub const ALL: [Overlay; 8] = [
+    pub const ALL: [Overlay; 9] = [
         Overlay::Picture,
         Overlay::Classes,
         Overlay::Photons,
+        Overlay::Cells,
         Overlay::Samples,
         Overlay::Error,
         Overlay::Albedo,
@@ -49,6 +54,7 @@ impl Overlay {
             Overlay::Picture => "picture",
             Overlay::Classes => "classes",
             Overlay::Photons => "photons",
+            Overlay::Cells => "cells",
             Overlay::Samples => "samples",
             Overlay::Error => "estimated error",
             Overlay::Albedo => "albedo",
@@ -63,6 +69,10 @@ impl Overlay {
             Overlay::Picture => "",
             Overlay::Classes => "yellow lit, blue shadowed, red boundary, grey unknown, black dark",
             Overlay::Photons => "yellow illumination photons, blue shadow photons",
+            Overlay::Cells => {
+                "fine cells bright, those of the map dark: yellow lit, blue shadowed, red boundary, grey unknown, \
+                 black none"
+            }
             Overlay::Samples => "black none, white most samples of a pixel",
             Overlay::Error => "black 0.1 % of the brightness, red 3 %, white 100 %",
             Overlay::Albedo => "base colour",
@@ -74,13 +84,23 @@ impl Overlay {
     /// The channels that it shows, if the film must keep more for it.
     pub fn aov(self) -> Option<Aov> {
         match self {
-            Overlay::Picture | Overlay::Error => None,
+            Overlay::Picture | Overlay::Cells | Overlay::Error => None,
             Overlay::Classes => Some(Aov::Shadow),
             Overlay::Photons | Overlay::Depth => Some(Aov::Depth),
             Overlay::Samples => Some(Aov::Samples),
             Overlay::Albedo => Some(Aov::Albedo),
             Overlay::Normal => Some(Aov::Normal),
         }
+    }
+
+    /// Whether it is of a single light.
+    pub fn is_of_a_light(self) -> bool {
+        matches!(self, Overlay::Classes | Overlay::Photons | Overlay::Cells)
+    }
+
+    /// Whether it needs photons of visibility, which small pictures have only then.
+    pub fn shows_photons(self) -> bool {
+        matches!(self, Overlay::Photons | Overlay::Cells)
     }
 }
 
@@ -119,11 +139,29 @@ const ERROR_DECADES: [f32; 2] = [-3.0, 0.0];
 /// Added to the brightness that errors are compared with, so that black is not infinitely wrong.
 const ERROR_FLOOR: f32 = 0.01;
 
-/// The photons of an image, and the camera that sees them.
+/// The darkest of the shades by which cells of a class are told apart, and the shade of their edges and of cells of the
+/// map.
+const DARKEST_CELL: f32 = 0.7;
+const CELL_EDGE: f32 = 0.5;
+const MAP_CELL: f32 = 0.6;
+
+/// The most divisions of cells whose edges are drawn: further parts are hardly larger than a pixel.
+const MAX_EDGED_LEVEL: u32 = 1;
+
+/// Points of the circle that is drawn around the nearest photons.
+const CIRCLE_POINTS: u32 = 256;
+
+const MARK: [u8; 3] = [255, 255, 255];
+
+/// What is seen in an image besides its channels.
 #[derive(Clone, Copy)]
-pub struct SeenPhotons<'a> {
-    /// All of them.
+pub struct Seen<'a> {
+    /// All photons.
     pub photons: &'a [VisibilityPhoton],
+    /// The cells of the pixels.
+    pub cells: Option<&'a [ShownCell]>,
+    /// The photons that decided a point, which are marked.
+    pub nearest: Option<&'a NearestPhotons>,
     /// The camera of the image.
     pub camera: &'a Camera,
     /// World lengths to normalised lengths.
@@ -131,7 +169,7 @@ pub struct SeenPhotons<'a> {
 }
 
 /// The pixels to show, as 8-bit RGB, row by row from the top. An image that lacks the channels is shown black.
-pub fn pixels(image: &Image, display: &Display, seen: SeenPhotons<'_>) -> Vec<u8> {
+pub fn pixels(image: &Image, display: &Display, seen: Seen<'_>) -> Vec<u8> {
     let channel = |name: &str| image.channel(name);
     let shown = match display.overlay {
         Overlay::Picture => picture(image, display),
@@ -143,6 +181,10 @@ pub fn pixels(image: &Image, display: &Display, seen: SeenPhotons<'_>) -> Vec<u8
             pixels.iter_mut().for_each(|x| *x = (f32::from(*x) * BEHIND_PHOTONS) as u8);
             draw_photons(&mut pixels, image, display.light, seen);
             pixels
+        }),
+        Overlay::Cells => seen.cells.filter(|cells| cells.len() == image.pixels()).map(|cells| {
+            let shade = |pixel: usize| cell_colour(cells, pixel, image.width as usize);
+            (0..cells.len()).flat_map(shade).collect()
         }),
         Overlay::Samples => channel("samples").map(|samples| {
             let max = samples.iter().copied().fold(1.0, f32::max);
@@ -165,7 +207,28 @@ pub fn pixels(image: &Image, display: &Display, seen: SeenPhotons<'_>) -> Vec<u8
             grey(depths.iter().map(|z| 1.0 - (z - near) / (far - near).max(f32::MIN_POSITIVE)))
         }),
     };
-    shown.unwrap_or_else(|| vec![0; image.pixels() * 3])
+    let mut shown = shown.unwrap_or_else(|| vec![0; image.pixels() * 3]);
+    if let Some(nearest) = seen.nearest {
+        mark_nearest(&mut shown, image, nearest, seen);
+    }
+    shown
+}
+
+/// The colour of a pixel's cell: a hue by its class, a shade by the cell, and darker where another cell begins.
+fn cell_colour(cells: &[ShownCell], pixel: usize, width: usize) -> [u8; 3] {
+    let cell = cells[pixel];
+    let mut shade = match cell.kind {
+        CellKind::None => 0.0,
+        CellKind::Fine => 1.0,
+        CellKind::Map | CellKind::Requested => MAP_CELL,
+    };
+    shade *= DARKEST_CELL + (1.0 - DARKEST_CELL) * (cell.hash & 0xff) as f32 / 255.0;
+    let right = (pixel % width + 1 < width).then(|| cells[pixel + 1]);
+    let differs = |other: ShownCell| (other.kind, other.level, other.hash) != (cell.kind, cell.level, cell.hash);
+    if cell.level <= MAX_EDGED_LEVEL && right.into_iter().chain(cells.get(pixel + width).copied()).any(differs) {
+        shade *= CELL_EDGE;
+    }
+    CLASS_COLOURS[cell.class as usize].map(|x| (f32::from(x) * shade) as u8)
 }
 
 fn picture(image: &Image, display: &Display) -> Option<Vec<u8>> {
@@ -207,31 +270,77 @@ fn heat(x: f32) -> [u8; 3] {
     [2.0 * x, 2.0 * x - 1.0, 3.0 * x - 2.0].map(|c| byte(c.clamp(0.0, 1.0)))
 }
 
-/// Marks the pixels in which the camera sees a photon of a light.
-fn draw_photons(pixels: &mut [u8], image: &Image, light: usize, seen: SeenPhotons<'_>) {
-    let (width, height) = (image.width, image.height);
-    let camera = CameraUniform::new(seen.camera, width, height);
-    let depths = image.channel("Z");
-    let [right, up, backward] = [camera.right, camera.up, camera.backward].map(glam::Vec3::from);
-    for photon in seen.photons.iter().filter(|photon| photon.light as usize == light) {
-        let offset = photon.position - glam::Vec3::from(camera.position);
+/// Where positions are in an image, and whether the camera sees them.
+struct Sight<'a> {
+    camera: CameraUniform,
+    size: [u32; 2],
+    depths: Option<&'a [f32]>,
+    scale: f64,
+}
+
+impl<'a> Sight<'a> {
+    fn new(image: &'a Image, seen: Seen<'_>) -> Sight<'a> {
+        let size = [image.width, image.height];
+        let camera = CameraUniform::new(seen.camera, image.width, image.height);
+        Sight { camera, size, depths: image.channel("Z"), scale: seen.scale }
+    }
+
+    /// The pixel in which the camera sees a position of a surface; none if it does not.
+    fn pixel(&self, position: Vec3) -> Option<[u32; 2]> {
+        let camera = &self.camera;
+        let [right, up, backward] = [camera.right, camera.up, camera.backward].map(Vec3::from);
+        let offset = position - Vec3::from(camera.position);
         let depth = -offset.dot(backward);
         let distance = if camera.orthographic == 1 { 1.0 } else { depth };
-        if depth <= camera.near {
-            continue;
-        }
         let at = [offset.dot(right) / right.length_squared(), -offset.dot(up) / up.length_squared()];
         let at = at.map(|x| 0.5 + 0.5 * x / distance);
-        if at.iter().any(|x| !(0.0..1.0).contains(x)) {
-            continue;
+        if depth <= camera.near || at.iter().any(|x| !(0.0..1.0).contains(x)) {
+            return None;
         }
-        let pixel = (at[1] * height as f32) as usize * width as usize + (at[0] * width as f32) as usize;
-        let surface = depths.map_or(f64::INFINITY, |depths| f64::from(depths[pixel]));
-        if f64::from(depth) / seen.scale <= surface * (1.0 + PHOTON_DEPTH) {
-            let colour = if photon.is_shadow { SHADOW } else { ILLUMINATION };
-            pixels[3 * pixel..3 * pixel + 3].copy_from_slice(&colour);
+        let [x, y] = [(at[0] * self.size[0] as f32) as u32, (at[1] * self.size[1] as f32) as u32];
+        let surface = self.depths.map_or(f64::INFINITY, |depths| f64::from(depths[(y * self.size[0] + x) as usize]));
+        (f64::from(depth) / self.scale <= surface * (1.0 + PHOTON_DEPTH)).then_some([x, y])
+    }
+
+    /// Paints the square of pixels around a position that are at most `radius` away, if the camera sees the position.
+    fn paint(&self, pixels: &mut [u8], position: Vec3, radius: u32, colour: [u8; 3]) {
+        let Some([x, y]) = self.pixel(position) else { return };
+        let [width, height] = self.size;
+        for y in y.saturating_sub(radius)..(y + radius + 1).min(height) {
+            for x in x.saturating_sub(radius)..(x + radius + 1).min(width) {
+                let first = 3 * (y * width + x) as usize;
+                pixels[first..first + 3].copy_from_slice(&colour);
+            }
         }
     }
+}
+
+fn photon_colour(photon: &VisibilityPhoton) -> [u8; 3] {
+    if photon.is_shadow { SHADOW } else { ILLUMINATION }
+}
+
+/// Marks the pixels in which the camera sees a photon of a light.
+fn draw_photons(pixels: &mut [u8], image: &Image, light: usize, seen: Seen<'_>) {
+    let sight = Sight::new(image, seen);
+    for photon in seen.photons.iter().filter(|photon| photon.light as usize == light) {
+        sight.paint(pixels, photon.position, 0, photon_colour(photon));
+    }
+}
+
+/// Marks a point, the photons that decided it, and the rim of the disc in which they are.
+fn mark_nearest(pixels: &mut [u8], image: &Image, nearest: &NearestPhotons, seen: Seen<'_>) {
+    let sight = Sight::new(image, seen);
+    let NearestPhotons { point, photons, radius, .. } = nearest;
+    let (u, v) = point.normal.any_orthonormal_pair();
+    for step in 0..CIRCLE_POINTS {
+        let angle = f64::from(step) / f64::from(CIRCLE_POINTS) * std::f64::consts::TAU;
+        let way = f64::from(*radius) * (angle.cos() * u + angle.sin() * v);
+        sight.paint(pixels, point.position + way.as_vec3(), 0, MARK);
+    }
+    for photon in photons {
+        sight.paint(pixels, photon.position, 1, photon_colour(photon));
+    }
+    sight.paint(pixels, point.position, 1, MARK);
 }
 
 #[cfg(test)]
@@ -266,7 +375,23 @@ mod tests {
     fn shown(overlay: Overlay, light: usize) -> Vec<u8> {
         let display = Display { overlay, light, view: View::Raw, exposure: 0.0, denoised: false };
         let camera = crate::Scene::default().frame_camera();
-        pixels(&image(), &display, SeenPhotons { photons: &[], camera: &camera, scale: 1.0 })
+        pixels(&image(), &display, Seen { photons: &[], cells: None, nearest: None, camera: &camera, scale: 1.0 })
+    }
+
+    /// Cells have the hues of their classes; cells of the map are darker, edges darker still, and none is black.
+    #[test]
+    fn cells_have_shades_and_edges() {
+        let cell = |class, kind, level, hash| ShownCell { class, kind, level, hash };
+        let [lit, map] = [CellKind::Fine, CellKind::Map].map(|kind| cell(Class::Lit, kind, 0, 0xff));
+        let finest = cell(Class::Boundary, CellKind::Fine, 4, 0xff);
+        let cells = [lit, lit, map, map, cell(Class::Unknown, CellKind::None, 0, 0), finest, finest, finest];
+        let colour = |pixel| cell_colour(&cells, pixel, 8);
+        let shaded = |shade: f32| CLASS_COLOURS[1].map(|x| (f32::from(x) * shade) as u8);
+        assert_eq!([colour(0), colour(1)], [shaded(1.0), shaded(CELL_EDGE)]);
+        assert_eq!([colour(2), colour(3)], [shaded(MAP_CELL), shaded(MAP_CELL * CELL_EDGE)]);
+        assert_eq!([colour(4), colour(5)], [[0; 3], CLASS_COLOURS[3]]);
+        let other = [ShownCell { hash: 0x1ff, ..finest }, finest];
+        assert_eq!(cell_colour(&other, 0, 2), CLASS_COLOURS[3], "parts of a pixel have no edges");
     }
 
     #[test]
@@ -301,6 +426,7 @@ mod tests {
         };
         let photon = |x: f32, y: f32, z: f32, is_shadow: bool| VisibilityPhoton {
             position: glam::Vec3::new(x, y, z),
+            normal: glam::DVec3::Z,
             light: 0,
             is_shadow,
         };
@@ -315,7 +441,8 @@ mod tests {
             other,
         ];
         let display = Display { overlay: Overlay::Photons, light: 0, view: View::Raw, exposure: 0.0, denoised: false };
-        let shown = pixels(&image, &display, SeenPhotons { photons: &photons, camera: &camera, scale: 1.0 });
+        let seen = Seen { photons: &photons, cells: None, nearest: None, camera: &camera, scale: 1.0 };
+        let shown = pixels(&image, &display, seen);
         let mut expected = vec![0; 48];
         expected[0..3].copy_from_slice(&ILLUMINATION);
         expected[3 * 13..3 * 14].copy_from_slice(&SHADOW);

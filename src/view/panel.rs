@@ -1,6 +1,7 @@
 //! The window's content: the picture, what moves its camera, and the panel beside it. It turns what the user does into
 //! requests.
 
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use egui::{
@@ -30,7 +31,7 @@ const MAX_F_NUMBER: f64 = 22.0;
 
 /// The keys of the overlays.
 const OVERLAY_KEYS: [Key; Overlay::ALL.len()] =
-    [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8];
+    [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9];
 
 /// What the user wants.
 #[derive(Clone, Debug)]
@@ -43,6 +44,28 @@ pub enum Request {
     Quit,
 }
 
+/// A copy of the scene that is to have the camera.
+#[derive(Default)]
+struct Copy {
+    /// The scene that `file` was named after.
+    of: PathBuf,
+    file: String,
+    name: String,
+    replaces: bool,
+}
+
+impl Copy {
+    /// Names the file after another scene: `scene.view.glb` for `scene.glb`, beside it.
+    fn name_after(&mut self, scene: &Path) {
+        if self.of != scene {
+            self.of = scene.to_owned();
+            let extension = scene.extension().unwrap_or_default().to_string_lossy();
+            self.file = scene.with_extension(format!("view.{extension}")).display().to_string();
+            self.replaces = false;
+        }
+    }
+}
+
 /// The content of the window.
 pub struct Panel {
     /// Whether the picture has the size of the window, and not one of its own.
@@ -52,6 +75,8 @@ pub struct Panel {
     fov: f64,
     f_number: Option<f64>,
     file: String,
+    /// The copy of the scene with the camera, the camera's name, and whether the copy may replace a file.
+    copy: Copy,
     texture: Option<TextureHandle>,
     /// What the texture holds.
     shown: Option<Arc<Vec<u8>>>,
@@ -70,6 +95,7 @@ impl Panel {
             fov: 0.0,
             f_number: None,
             file: "picture.png".to_owned(),
+            copy: Copy { name: "view".to_owned(), ..Copy::default() },
             texture: None,
             shown: None,
             resized: None,
@@ -115,6 +141,9 @@ impl Panel {
         }
         if pressed(Key::S) {
             requests.push(self.save());
+        }
+        if ui.input(|input| input.key_pressed(Key::Escape)) {
+            requests.push(Request::Command(Command::Unpick));
         }
         let overlay = OVERLAY_KEYS.into_iter().position(|key| ui.input(|input| input.key_pressed(key)));
         if let (Some(overlay), Some(choices)) = (overlay, &mut self.choices) {
@@ -189,6 +218,7 @@ impl Panel {
         self.choices = Some(choices);
         ui.separator();
         self.output(ui, requests);
+        self.copy(ui, snapshot, requests);
         if let Some(picked) = &snapshot.picked {
             ui.separator();
             what_is_there(ui, picked);
@@ -249,6 +279,26 @@ impl Panel {
             if ui.button("save").on_hover_text("Ctrl+S: as .png or .exr").clicked() {
                 requests.push(self.save());
             }
+        });
+    }
+
+    /// What writes the camera into a copy of the scene.
+    fn copy(&mut self, ui: &mut Ui, snapshot: &Snapshot, requests: &mut Vec<Request>) {
+        self.copy.name_after(&snapshot.picture.file);
+        let Copy { file, name, replaces, .. } = &mut self.copy;
+        for (text, label) in [(&mut *name, "camera's name"), (&mut *file, "copy of the scene")] {
+            ui.horizontal(|ui| {
+                let field = ui.add(egui::TextEdit::singleline(text).desired_width(140.0));
+                let label = ui.label(label);
+                field.labelled_by(label.id);
+            });
+        }
+        ui.horizontal(|ui| {
+            if ui.button("save camera").on_hover_text("in a copy of the scene").clicked() {
+                let (file, name, replaces) = (file.trim().into(), name.clone(), *replaces);
+                requests.push(Request::Command(Command::SaveCamera { file, name, replaces }));
+            }
+            ui.checkbox(replaces, "replace").on_hover_text("a file that is there already");
         });
     }
 }
@@ -326,7 +376,7 @@ fn display(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
     if !display.overlay.legend().is_empty() {
         ui.small(display.overlay.legend());
     }
-    if matches!(display.overlay, Overlay::Classes | Overlay::Photons) {
+    if display.overlay.is_of_a_light() {
         let name = snapshot.lights.get(display.light).map_or("none", String::as_str);
         ComboBox::from_label("light").selected_text(name).show_ui(ui, |ui| {
             for (index, name) in snapshot.lights.iter().enumerate() {
@@ -398,7 +448,14 @@ fn what_is_there(ui: &mut Ui, picked: &Picked) {
         ui.label(format!("radiance {r:.4}, {g:.4}, {b:.4}"));
     }
     if picked.lights.is_empty() {
-        ui.small("classes and photons of the lights: with the overlay classes");
+        ui.small("classes of the lights: with the overlay classes");
+    }
+    match &picked.nearest {
+        Some(nearest) => {
+            let [n_i, n_s] = nearest.counts();
+            ui.label(format!("nearest photons of the light shown: n_i {n_i}, n_s {n_s}"));
+        }
+        None => _ = ui.small("nearest photons: with the overlays photons and cells"),
     }
     for light in &picked.lights {
         let [n_i, n_s] = light.photons;

@@ -1,6 +1,7 @@
 //! A session: a scene, a camera, and a render of both that goes on until the picture is complete. It has no window:
 //! commands change it, and each step gives a picture to show.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -9,11 +10,12 @@ use glam::DVec3;
 use kernel_kit::Gpu;
 
 use super::navigation;
-use super::overlay::{self, Display, SeenPhotons};
+use super::overlay::{self, Display, Seen};
 use super::pick::{Hit, pick};
 use crate::kernels::Class;
-use crate::render::photons::VisibilityPhoton;
-use crate::scene::{Camera, Framing, LookAt, Projection, Scene};
+use crate::render::film::write_atomically;
+use crate::render::photons::{NearestPhotons, SurfacePoint, VisibilityPhoton};
+use crate::scene::{AddedCamera, Camera, Extent, Framing, LookAt, Projection, Scene, with_camera};
 use crate::settings::{Aov, Denoise, Settings};
 use crate::specialisation::photons_pay;
 use crate::{Denoiser, Error, Image, Renderer, Result};
@@ -144,12 +146,23 @@ pub enum Command {
     Resize([u32; 2]),
     /// Tell about a point of the image, from 0 to 1 each way.
     Pick([f32; 2]),
+    /// Tell about no point.
+    Unpick,
     /// Show another scene.
     Open(PathBuf),
     /// Read the scene again.
     Reload,
     /// Write the picture.
     Save(PathBuf),
+    /// Write a copy of the scene's file that has the camera, under this name.
+    SaveCamera {
+        /// The copy.
+        file: PathBuf,
+        /// The name.
+        name: String,
+        /// Take the place of a file that is there already.
+        replaces: bool,
+    },
 }
 
 /// What photons say of a light at a pixel.
@@ -176,6 +189,10 @@ pub struct Picked {
     pub radiance: Option<[f32; 3]>,
     /// What photons say of each light; empty unless the overlay of classes is shown.
     pub lights: Vec<PickedLight>,
+    /// The point that is lit there, behind mirrors and glass; none before the picture is there.
+    pub point: Option<SurfacePoint>,
+    /// The photons that decide it for the light that is shown; none without a visibility map.
+    pub nearest: Option<NearestPhotons>,
 }
 
 /// A picture to show, and what is known of it.
@@ -233,6 +250,8 @@ pub struct State {
     is_complete: bool,
     seconds: f64,
     picked: Option<Picked>,
+    /// The point of what was picked is to be found once the picture is there.
+    is_point_due: bool,
 }
 
 /// Where a scene comes from.
@@ -271,6 +290,7 @@ impl State {
             is_complete: false,
             seconds: 0.0,
             picked: None,
+            is_point_due: false,
         }
     }
 
@@ -363,7 +383,8 @@ impl State {
     fn pick(&self, at: [f32; 2]) -> Result<Option<Picked>> {
         let Some(Loaded { scene, .. }) = &self.scene else { return Ok(None) };
         let hit = self.hit(scene, at)?;
-        let Some(image) = &self.image else { return Ok(Some(Picked { at, hit, radiance: None, lights: Vec::new() })) };
+        let there = Picked { at, hit, radiance: None, lights: Vec::new(), point: None, nearest: None };
+        let Some(image) = &self.image else { return Ok(Some(there)) };
         let index = |x: f32, side: u32| ((x * side as f32) as usize).min(side as usize - 1);
         let pixel = index(at[1], image.height) * image.width as usize + index(at[0], image.width);
         let radiance = image.rgb().ok().map(|rgb| rgb.map(|channel| channel[pixel]));
@@ -378,7 +399,7 @@ impl State {
                 photons: ["ni", "ns"].map(|kind| value(&format!("{stem}.{kind}"))),
             }
         };
-        Ok(Some(Picked { at, hit, radiance, lights: classes.map(light).collect() }))
+        Ok(Some(Picked { radiance, lights: classes.map(light).collect(), ..there }))
     }
 
     fn save(&self, path: &Path) -> Result<String> {
@@ -391,6 +412,32 @@ impl State {
         Ok(format!("wrote {}", path.display()))
     }
 
+    /// Writes a copy of the scene's file that has the camera.
+    fn save_camera(&self, file: &Path, name: &str, replaces: bool) -> Result<String> {
+        let Some(Loaded { scene, .. }) = &self.scene else { return Ok("there is no scene yet".to_owned()) };
+        let shown = file.display();
+        if file.exists() && !replaces {
+            let same = |file: &Path| file.canonicalize().ok();
+            let is_open = if same(file) == same(&self.file) { "is the open file" } else { "exists" };
+            return Err(Error::Usage(format!("{shown} {is_open}: tick `replace` to write over it")));
+        }
+        let kind = |file: &Path| file.extension().map(|extension| extension.to_ascii_lowercase());
+        if kind(file) != kind(&self.file) {
+            let problem = format!("{shown}: a copy of {} needs the same extension", self.file.display());
+            return Err(Error::Usage(problem));
+        }
+        let camera = self.camera(scene)?;
+        let placed = match &self.eye.viewpoint {
+            Viewpoint::Placed(view) => view.axes().map(|axes| (view.from, axes)),
+            _ => None,
+        };
+        let name = if name.trim().is_empty() { "view" } else { name.trim() };
+        let camera = AddedCamera::new(name, scene, &camera, placed);
+        let (bytes, name) = with_camera(&self.file, file.parent().unwrap_or(Path::new("")), &camera)?;
+        write_atomically(file, |output| Ok(output.write_all(&bytes)?))?;
+        Ok(format!("wrote {shown} with the camera `{name}`"))
+    }
+
     fn apply(&mut self, command: Command) -> Result<()> {
         match command {
             Command::Orbit(by) => self.navigate(|_, view| Some(navigation::orbit(view, by)))?,
@@ -400,7 +447,7 @@ impl State {
                 .navigate(|scene, view| Some(navigation::fly(view, DVec3::from(way) / scene.normalisation.scale())))?,
             Command::FieldOfView(fov) => match &mut self.eye.viewpoint {
                 Viewpoint::Placed(view) => {
-                    (view.fov, self.moved) = (fov, Some(Instant::now()));
+                    (view.extent, self.moved) = (Extent::FieldOfView(fov), Some(Instant::now()));
                 }
                 _ => (self.eye.fov, self.moved) = (Some(fov), Some(Instant::now())),
             },
@@ -428,13 +475,17 @@ impl State {
                     self.moved = Some(Instant::now());
                 }
             }
-            Command::Pick(at) => self.picked = self.pick(at)?,
+            Command::Pick(at) => (self.picked, self.is_point_due) = (self.pick(at)?, true),
+            Command::Unpick => self.picked = None,
             Command::Open(file) => {
                 self.file = file;
                 self.reloads += 1;
             }
             Command::Reload => self.reloads += 1,
             Command::Save(path) => self.message = Some(self.save(&path)?),
+            Command::SaveCamera { file, name, replaces } => {
+                self.message = Some(self.save_camera(&file, &name, replaces)?);
+            }
         }
         Ok(())
     }
@@ -461,13 +512,19 @@ impl State {
 /// The whole scene from the side of `view`, for an image of this size.
 fn framed(scene: &Scene, view: &LookAt, [width, height]: [u32; 2]) -> Option<LookAt> {
     let [_, _, backward] = view.axes()?;
+    let aspect = width as f32 / height as f32;
+    let [lower, upper] = scene.bounds()?;
+    if view.up != DVec3::Y || matches!(view.extent, Extent::Height(_)) {
+        let centre = scene.normalisation.undo(0.5 * (lower + upper));
+        let radius = 0.5 * f64::from((upper - lower).length()) / scene.normalisation.scale();
+        return navigation::around(view, centre, radius, aspect.into());
+    }
     let framing = Framing {
         azimuth: backward.x.atan2(backward.z).to_degrees() as f32,
         elevation: backward.y.clamp(-1.0, 1.0).asin().to_degrees() as f32,
-        aspect: width as f32 / height as f32,
+        aspect,
     };
     let camera = scene.frame(&framing);
-    let [lower, upper] = scene.bounds()?;
     let depth = (camera.position - 0.5 * (lower + upper)).dot(camera.axes[2]);
     Some(navigation::placed(scene, &camera, depth))
 }
@@ -502,6 +559,8 @@ struct Render<'g> {
     eye: Eye,
     camera: Camera,
     size: [u32; 2],
+    /// It is seen for a moment only.
+    is_glance: bool,
     photons: Option<Vec<VisibilityPhoton>>,
 }
 
@@ -586,7 +645,11 @@ impl<'g> Session<'g> {
             return Ok((None, false));
         }
         self.is_stale = false;
-        self.show()?;
+        match self.show() {
+            Err(lost @ Error::DeviceLost { .. }) => return Err(lost),
+            Err(problem) => self.state.say(problem.to_string()),
+            Ok(()) => {}
+        }
         Ok((Some(self.state.snapshot()), worked))
     }
 
@@ -629,8 +692,9 @@ impl<'g> Session<'g> {
             Some(render) if render.subject == subject => {
                 let full = self.state.full_size();
                 let size = if is_moving { self.state.divided_size() } else { full };
-                let keeps = render.eye == eye && (render.size == size || (is_moving && render.size == full));
-                if keeps { Ok(()) } else { render.look(&eye, camera, size) }
+                let is_there = render.size == size || (is_moving && render.size == full);
+                let keeps = render.eye == eye && is_there && (is_moving || !render.is_glance);
+                if keeps { Ok(()) } else { render.look(&eye, camera, size, is_moving) }
             }
             // The last picture is shown in the new size until the size stays.
             Some(render) if is_moving && render.subject.is_resized(&subject) => return Ok(false),
@@ -651,7 +715,7 @@ impl<'g> Session<'g> {
             s.image.denoise = self.denoiser.choice();
             s.image.aovs.extend(KEPT);
             s.image.aovs.extend(display.overlay.aov());
-            if display.overlay == overlay::Overlay::Photons {
+            if display.overlay.shows_photons() {
                 s.visibility_map.photons_per_light = Some(settings.photons_per_light());
             }
             s.image.aovs.sort();
@@ -662,6 +726,8 @@ impl<'g> Session<'g> {
     fn prepare(&mut self, scene: &Scene, subject: Subject, eye: Eye, camera: Camera) -> Result<()> {
         // Two renderers would need twice the memory.
         self.render = None;
+        // Another render may have other photons.
+        self.state.picked.iter_mut().for_each(|picked| picked.nearest = None);
         // A small picture comes first, with the photons of the full size.
         let size = self.state.divided_size();
         let settings = subject.settings.clone().with(|s| {
@@ -670,7 +736,7 @@ impl<'g> Session<'g> {
         });
         let renderer = Renderer::new(self.gpu, scene.clone(), &camera, &settings)?;
         self.state.message = None;
-        self.render = Some(Render { renderer, subject, eye, camera, size, photons: None });
+        self.render = Some(Render { renderer, subject, eye, camera, size, is_glance: false, photons: None });
         Ok(())
     }
 
@@ -705,12 +771,26 @@ impl<'g> Session<'g> {
         let (Some(image), Some(render)) = (&self.state.image, &mut self.render) else { return Ok(()) };
         let display = self.state.choices.display;
         let is_same_size = [image.width, image.height] == render.size;
-        if display.overlay == overlay::Overlay::Photons && render.photons.is_none() {
-            render.photons = Some(render.renderer.visibility_photons()?);
+        let picked = &mut self.state.picked;
+        if let Some(picked) = picked.as_mut().filter(|_| is_same_size && render.eye == self.state.eye)
+            && std::mem::take(&mut self.state.is_point_due)
+        {
+            picked.point = render.point(picked.at)?;
         }
-        let photons = render.photons.as_deref().filter(|_| is_same_size).unwrap_or_default();
+        let is_other = |nearest: &NearestPhotons| nearest.light as usize != display.light;
+        if let Some(picked) = picked.as_mut().filter(|picked| picked.nearest.as_ref().is_none_or(is_other)) {
+            picked.nearest = picked.point.map(|point| render.nearest(point, display.light)).transpose()?.flatten();
+        }
+        let nearest = picked.as_ref().and_then(|picked| picked.nearest.as_ref()).filter(|_| is_same_size);
+        let is_photons = display.overlay == overlay::Overlay::Photons;
+        if is_photons {
+            render.photons()?;
+        }
+        let photons = render.photons.as_deref().filter(|_| is_photons && is_same_size).unwrap_or_default();
+        let is_cells = display.overlay == overlay::Overlay::Cells && is_same_size;
+        let cells = if is_cells { render.renderer.shown_cells(display.light as u32)? } else { None };
         let scale = self.state.scene.as_ref().map_or(1.0, |loaded| loaded.scene.normalisation.scale());
-        let seen = SeenPhotons { photons, camera: &render.camera, scale };
+        let seen = Seen { photons, cells: cells.as_deref(), nearest, camera: &render.camera, scale };
         self.state.pixels = Arc::new(overlay::pixels(image, &display, seen));
         self.state.size = [image.width, image.height];
         Ok(())
@@ -718,9 +798,34 @@ impl<'g> Session<'g> {
 }
 
 impl Render<'_> {
-    fn look(&mut self, eye: &Eye, camera: Camera, size: [u32; 2]) -> Result<()> {
-        self.renderer.look(&camera, size)?;
-        (self.eye, self.camera, self.size) = (eye.clone(), camera, size);
+    fn look(&mut self, eye: &Eye, camera: Camera, size: [u32; 2], is_glance: bool) -> Result<()> {
+        if is_glance {
+            self.renderer.glance(&camera, size)?;
+        } else {
+            self.renderer.look(&camera, size)?;
+        }
+        (self.eye, self.camera, self.size, self.is_glance) = (eye.clone(), camera, size, is_glance);
         Ok(())
+    }
+
+    /// The photons of the visibility map.
+    fn photons(&mut self) -> Result<&[VisibilityPhoton]> {
+        if self.photons.is_none() {
+            self.photons = Some(self.renderer.visibility_photons()?);
+        }
+        Ok(self.photons.as_deref().unwrap_or_default())
+    }
+
+    /// The point that is lit at a point of the image, from 0 to 1 each way.
+    fn point(&self, at: [f32; 2]) -> Result<Option<SurfacePoint>> {
+        let index = |x: f32, side: u32| ((x * side as f32) as u32).min(side - 1);
+        self.renderer.surface_point([index(at[0], self.size[0]), index(at[1], self.size[1])])
+    }
+
+    /// The photons that decide a point for a light.
+    fn nearest(&mut self, point: SurfacePoint, light: usize) -> Result<Option<NearestPhotons>> {
+        self.photons()?;
+        let photons = self.photons.as_deref().unwrap_or_default();
+        Ok(self.renderer.nearest_photons(photons, point, light as u32))
     }
 }

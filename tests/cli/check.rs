@@ -114,6 +114,23 @@ fn a_render_that_fails_is_a_broken_case() {
     assert!(answer.stdout.contains("broken   none") && answer.stdout.contains("none.glb"), "{answer:?}");
 }
 
+/// A render that takes too long is ended and named, and the others go on. This one would take days.
+#[test]
+fn a_render_that_takes_too_long_is_a_broken_case() {
+    let folder = folder();
+    let file = folder.path().join("CASES.toml");
+    let text = format!(
+        "[[case]]\nname = \"endless\"\nscene = \"{BOX}\"\nrender = {{ technique = \"path\", spp = 100000000 }}\n\
+         limits = {{ seconds = 0.25 }}\n[[case]]\nname = \"none\"\nscene = \"none.glb\"\n"
+    );
+    fs::write(&file, text).unwrap();
+    let answer = check(&file, &on_device(""));
+    assert_eq!(answer.code, Some(5), "{answer:?}");
+    assert!(answer.stdout.contains("broken   endless"), "{answer:?}");
+    assert!(answer.stdout.contains("took longer than 0.25 s"), "{answer:?}");
+    assert!(answer.stdout.contains("broken   none"), "{answer:?}");
+}
+
 /// Images of other renderers need no device.
 #[test]
 fn images_of_other_renderers_are_compared() {

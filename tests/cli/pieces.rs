@@ -52,6 +52,31 @@ fn pieces_are_merged_in_any_order() {
 }
 
 #[test]
+fn merged_pieces_are_denoised() {
+    let folder = folder();
+    let file = |name: &str| folder.path().join(name);
+    let [a, b, plain, exr, png] = ["a.exr", "b.exr", "plain.exr", "whole.exr", "whole.png"].map(file);
+    // Which denoiser pieces are for is the same to them.
+    render("--samples 0..5 --denoise statistical", &a).assert_done();
+    render("--samples 5..6 --denoise auto", &b).assert_done();
+    let denoise = format!("--device {} --denoise statistical", device());
+    merge(&denoise, &[&a, &b], &exr).assert_done();
+    merge(&denoise, &[&b, &a], &png).assert_done();
+    let image = Image::read(&exr).unwrap();
+    assert!(image.channel("error").is_some());
+    let shown = file("shown.png");
+    image.denoised().unwrap().write_png(&shown, penumbra::View::Neutral, 0.0).unwrap();
+    assert!(fs::read(&shown).unwrap() == fs::read(&png).unwrap(), "the PNG is not the denoised image");
+    // Without it the sums are not used.
+    merge("", &[&a, &b], &exr).assert_done();
+    assert!(Image::read(&exr).unwrap().denoised().is_none());
+    merge(&denoise, &[&a], &exr).assert_refused(3, &["samples 5..6", "are in no piece"]);
+    render("--samples 0..6", &plain).assert_done();
+    merge(&denoise, &[&plain], &exr).assert_refused(3, &["plain.exr", "--denoise was none"]);
+    merge(&format!("{denoise} --partial"), &[&a], &exr).assert_refused(2, &["--partial"]);
+}
+
+#[test]
 fn what_pieces_cannot_be_is_refused() {
     let folder = folder();
     let output = folder.path().join("a.exr");
@@ -61,7 +86,6 @@ fn what_pieces_cannot_be_is_refused() {
         ("--samples 3", &["--samples", "0..16"]),
         ("--samples 0..6 --time 1", &["--time cannot be with --samples"]),
         ("--samples 0..6 --noise 1e-3", &["--noise cannot be with --samples"]),
-        ("--samples 0..6 --denoise statistical", &["--denoise cannot be with --samples"]),
         ("--samples 0..6 --aov shadow", &["--aov cannot be with --samples"]),
     ] {
         render(arguments, &output).assert_refused(2, words);

@@ -58,6 +58,19 @@ fn frames_are_the_images_of_their_times() {
     assert_eq!(bits(&a), bits(&b));
 }
 
+/// The views of a turntable are files of their own, each of another side, and complete ones are skipped.
+#[test]
+fn turntables_show_all_sides() {
+    let folder = folder();
+    let view = |name: &str, number: u32| folder.path().join(format!("{name}.{number:04}.exr"));
+    let name = |name: &str| folder.path().join(format!("{name}.{{frame}}.exr"));
+    let both = sequence("--turntable 2 --from 30,20", &name("both"));
+    assert!(!view("both", 2).exists(), "{}", both.stderr);
+    assert_ne!(bits(&view("both", 0)), bits(&view("both", 1)));
+    let again = sequence("--turntable 2 --from 30,20", &name("both"));
+    assert!((0..2).all(|i| again.stderr.contains(&format!("frame {i} is complete"))), "{}", again.stderr);
+}
+
 /// Frames after the first are rendered with its kernels, and have the bits of a render of their own.
 #[test]
 fn later_frames_are_those_of_a_process_of_their_own() {
@@ -153,6 +166,11 @@ fn wrong_usage_of_time_names_the_option() {
         ("SEQUENCE --frames 0..3 --checkpoint x", "--checkpoint"),
         ("SEQUENCE --fps 3", "--frames"),
         ("SEQUENCE --seed-per-frame", "--frames"),
+        ("SEQUENCE --turntable 0", "--turntable"),
+        ("SEQUENCE --turntable 3 --frames 0..3", "--frames"),
+        ("SEQUENCE --turntable 3 --camera 0", "--camera"),
+        ("SEQUENCE --turntable 3 --checkpoint x", "--checkpoint"),
+        ("render no-scene.glb -o shot.png --turntable 3", "--turntable"),
         ("SEQUENCE --at nan", "--at"),
         ("SEQUENCE --animation run", "--at"),
         ("SEQUENCE --loop", "--at"),

@@ -27,3 +27,4 @@ mod shown;
 mod smooth;
 mod table;
 mod table1;
+mod transmitted;

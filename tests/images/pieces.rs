@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use penumbra::internal::render::pieces::Pieces;
 use penumbra::internal::scene::ImportOptions;
-use penumbra::settings::{Crop, SampleRange};
-use penumbra::{Aov, Image, Renderer, Scene, Settings, Technique};
+use penumbra::settings::{Background, Crop, Denoise, SampleRange};
+use penumbra::{Aov, Denoiser, Image, Metadata, Renderer, Scene, Settings, Technique};
 
 use crate::setup::{gpu, scene_file};
 
@@ -140,6 +140,54 @@ fn any_cut_has_the_bits_of_one_process() {
     }
 }
 
+/// Merged pieces are denoised: with the same bits whatever the cut, and as an ordinary render of the same samples.
+#[test]
+fn merged_pieces_are_denoised() {
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let mut random = Random(7);
+    let denoiser = Denoiser::new(Denoise::Statistical, None).unwrap();
+    // Samples are 0 to 7 and 8 to 20 for denoisers; the largest node of the tree is 0 to 15.
+    let settings = settings(Technique::PATH, 21).with(|s| {
+        s.image.denoise = Denoise::Statistical;
+        s.image.background = Background::Colour([0.25, 0.5, 1.0]);
+        s.image.aovs = vec![Aov::Variance];
+    });
+    let mut usual = renderer("still_life.glb", &settings);
+    while usual.samples() < 21 {
+        usual.render_batch().unwrap();
+    }
+    let usual = usual.denoised_image(&denoiser).unwrap();
+    let all = (SampleRange { first: 0, end: 21 }, Crop { x: 0, y: 0, width: 24, height: 18 });
+    let piece = |(range, crop): (SampleRange, Crop), name: &str| {
+        let settings = settings.clone().with(|s| (s.image.piece, s.image.crop) = (Some(range), Some(crop)));
+        render("still_life.glb", &settings, folder.path().join(name))
+    };
+    let denoised = |files: &[PathBuf]| Pieces::open(files).unwrap().merge_denoised(gpu(), &denoiser);
+    let one = denoised(&[piece(all, "one.exr")]).unwrap();
+    let files: Vec<_> =
+        cut(&mut random, all, 3).iter().zip(0..).map(|(part, i)| piece(*part, &format!("{i}.exr"))).collect();
+    assert_same(&denoised(&files).unwrap(), &one, "denoised");
+    // Denoised or not, the raw image is the same.
+    let raw = merge(&files);
+    assert_eq!(raw.channel("G").unwrap(), one.channel("G").unwrap());
+    for name in ["denoised.R", "denoised.G", "denoised.B", "error"] {
+        let (got, expected) = (one.channel(name).unwrap(), usual.channel(name).unwrap());
+        let size = expected.iter().map(|x| x.abs()).sum::<f32>() / expected.len() as f32;
+        let difference = got.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        // The means differ in their last bits, which the filter may double a few times.
+        assert!(difference < 1e-4 * size, "{name}: {difference} of {size}");
+    }
+    // What cannot be denoised.
+    let error = denoised(&files[1..]).unwrap_err().to_string();
+    assert!(error.contains("lack samples"), "{error}");
+    let plain = settings.clone().with(|s| (s.image.denoise, s.image.piece) = (Denoise::None, Some(all.0)));
+    let error = denoised(&[render("still_life.glb", &plain, folder.path().join("plain.exr"))]).unwrap_err().to_string();
+    assert!(error.contains("plain.exr: pieces: keep nothing for denoisers"), "{error}");
+    let single = settings.with(|s| s.image.piece = Some(all.0));
+    let error = renderer("still_life.glb", &single).denoised_image(&denoiser).unwrap_err().to_string();
+    assert!(error.contains("`image.denoise` is for merged pieces"), "{error}");
+}
+
 /// A piece that is interrupted and resumed has the same bits.
 #[test]
 fn a_resumed_piece_has_the_same_bits() {
@@ -229,6 +277,21 @@ fn pieces_that_do_not_fit_are_named() {
     assert_eq!(channel(&partial), channel(&shown));
     assert_eq!(partial.channel("A").unwrap()[24 * 12..], [0.0; 24 * 6]);
     assert!(Pieces::open(&[&first, &last]).unwrap().missing().len() == 1);
+    // Another device, and another version.
+    let elsewhere = file("elsewhere.exr");
+    for (name, value, expected) in [
+        ("device", "Other GPU (1.2)", "elsewhere.exr: file: is of another device, Other GPU (1.2), than"),
+        ("version", "9.9.9", "elsewhere.exr: file: was written by version 9.9.9"),
+    ] {
+        let mut image = Image::read_exr(&last).unwrap();
+        let Some(Metadata::Text(text)) = image.metadata.get_mut("penumbra:piece") else { panic!("no description") };
+        let mut description: serde_json::Value = serde_json::from_str(text).unwrap();
+        description["whole"][name] = value.into();
+        *text = description.to_string();
+        image.write_exr(&elsewhere).unwrap();
+        let error = error(&[&first, &elsewhere]);
+        assert!(error.contains(expected), "{error}");
+    }
     // Damage anywhere.
     let bytes = std::fs::read(&first).unwrap();
     let damaged = file("damaged.exr");

@@ -33,6 +33,8 @@ struct Lobes {
     transmission: f64,
     /// Index of refraction on the viewer's side over that on the other; 1: a thin wall.
     eta: f64,
+    /// Share of the rest of the base that transmits light diffusely.
+    diffused: f64,
     coat: f64,
     coat_roughness: f64,
     /// Angle of the coat's normal to the base's, in the xz plane.
@@ -47,6 +49,7 @@ struct Lobes {
 const NO_LOBES: Lobes = Lobes {
     transmission: 0.0,
     eta: 1.0,
+    diffused: 0.0,
     coat: 0.0,
     coat_roughness: 0.0,
     coat_tilt: 0.0,
@@ -162,6 +165,9 @@ impl Fibres {
     }
 }
 
+/// Colour of light that is transmitted diffusely.
+const DIFFUSED: f64 = 0.9;
+
 /// Reflectance of glTF's dielectric: index of refraction 1.5.
 const DIELECTRIC: f64 = 0.04;
 
@@ -171,7 +177,12 @@ impl Tested {
     }
 
     fn albedo(&self) -> f64 {
-        self.base * (1.0 - self.metallic) * (1.0 - self.lobes.transmission)
+        self.base * (1.0 - self.metallic) * (1.0 - self.lobes.transmission) * (1.0 - self.lobes.diffused)
+    }
+
+    /// Transmittance of the diffuse base.
+    fn diffuse_tint(&self) -> f64 {
+        DIFFUSED * self.lobes.diffused * (1.0 - self.metallic) * (1.0 - self.lobes.transmission)
     }
 
     fn alpha(&self) -> DVec2 {
@@ -241,14 +252,16 @@ impl Tested {
         DVec3::new(self.tilt.sin(), 0.0, self.tilt.cos())
     }
 
-    /// Transmitted light (Walter et al. 2007, equation 21; for a thin wall, the mirror image of what is reflected).
+    /// Light from the other side, refracted and scattered.
     fn passed(&self, light: DVec3) -> f64 {
+        let diffused = self.diffuse_tint() / PI * self.through_specular(-light.z);
+        (self.refracted(light) + diffused) * self.through_coat(light) * self.fibres(light).1
+    }
+
+    /// Transmitted light (Walter et al. 2007, equation 21; for a thin wall, the mirror image of what is reflected).
+    fn refracted(&self, light: DVec3) -> f64 {
         let eta = self.lobes.eta;
-        let tint = self.base
-            * (1.0 - self.metallic)
-            * self.lobes.transmission
-            * self.through_coat(light)
-            * self.fibres(light).1;
+        let tint = self.base * (1.0 - self.metallic) * self.lobes.transmission;
         if eta == 1.0 {
             let mirrored = light * DVec3::new(1.0, 1.0, -1.0);
             let h = (mirrored + self.view).normalize();
@@ -342,7 +355,8 @@ impl Tested {
 fn features(gpu: &Gpu, t: &Tested) -> Features {
     let specialisation = [
         (Feature::Glossy, t.glossy),
-        (Feature::Transmission, t.lobes.transmission > 0.0),
+        (Feature::Transmission, t.lobes.transmission > 0.0 || t.lobes.diffused > 0.0),
+        (Feature::DiffuseTransmission, t.lobes.diffused > 0.0),
         (Feature::Clearcoat, t.lobes.coat > 0.0),
         (Feature::CoatNormals, t.lobes.coat_tilt != 0.0),
         (Feature::Anisotropy, t.lobes.along.is_some()),
@@ -387,6 +401,7 @@ fn run(gpu: &Gpu, entry: &str, tested: &Tested, directions: &[DVec3], count: usi
         [t.lobes.coat as f32, t.lobes.coat_roughness.powi(2) as f32, t.alpha().x as f32, 0.0],
         [t.lobes.sheen as f32, t.lobes.sheen as f32, t.lobes.sheen as f32, t.lobes.sheen_roughness as f32],
         t.lobes.film.map_or([0.0; 4], |film| [film.factor as f32, film.ior as f32, film.thickness as f32, 0.0]),
+        [t.diffuse_tint() as f32, t.diffuse_tint() as f32, t.diffuse_tint() as f32, 0.0],
     ];
     let surface = gpu.upload("test/surface", &surface).unwrap();
     let directions: Vec<glam::Vec4> = directions.iter().map(|d| d.as_vec3().extend(0.0)).collect();
@@ -442,6 +457,8 @@ fn all_lobes(base: f64) -> Vec<Tested> {
         (0.0, glass(1.0, 1.5)),
         (0.0, glass(0.6, 1.0 / 1.5)),
         (0.0, glass(1.0, 1.0)),
+        (0.0, Lobes { diffused: 0.6, ..NO_LOBES }),
+        (0.0, Lobes { diffused: 0.4, coat: 0.5, coat_roughness: 0.4, ..glass(0.4, 1.0 / 1.5) }),
         (0.0, Lobes { coat: 1.0, coat_roughness: 0.3, ..NO_LOBES }),
         (1.0, Lobes { coat: 0.7, coat_roughness: 0.5, ..NO_LOBES }),
         (1.0, Lobes { along: Some(0.9), ..NO_LOBES }),
@@ -456,6 +473,7 @@ fn all_lobes(base: f64) -> Vec<Tested> {
             Lobes {
                 transmission: 0.5,
                 eta: 1.5,
+                diffused: 0.0,
                 coat: 0.5,
                 coat_roughness: 0.4,
                 coat_tilt: 0.0,
@@ -505,7 +523,8 @@ fn some_directions(tested: &Tested) -> Vec<DVec3> {
     let main = tested.main_direction();
     let all = (0..1000).map(|i| {
         let d = random.direction();
-        let both_sides = tested.lobes.transmission > 0.0 || tested.lobes.coat_tilt != 0.0;
+        let passes = tested.lobes.transmission > 0.0 || tested.lobes.diffused > 0.0;
+        let both_sides = passes || tested.lobes.coat_tilt != 0.0;
         let z = if both_sides { d.z } else { d.z.abs() };
         if i % 2 == 0 { DVec3::new(d.x, d.y, z) } else { (main + d * 0.02).normalize() }
     });
@@ -599,7 +618,10 @@ fn no_density_exceeds_its_maximum(gpu: &Gpu) {
 #[kernel_test("PENUMBRA_DEVICE")]
 fn transmission_is_reciprocal(gpu: &Gpu) {
     let mut compared = 0;
-    for tested in all_lobes(0.7).into_iter().filter(|t| t.lobes.transmission > 0.0) {
+    // Only refracted light is concentrated: surfaces with both are no simple multiple.
+    let is_reciprocal =
+        |t: &Tested| if t.lobes.diffused > 0.0 { t.lobes.eta == 1.0 } else { t.lobes.transmission > 0.0 };
+    for tested in all_lobes(0.7).into_iter().filter(is_reciprocal) {
         let below = |d: &DVec3| d.z < -0.1;
         let directions: Vec<DVec3> = some_directions(&tested).into_iter().filter(below).take(4).collect();
         let there = run(gpu, "evaluated", &tested, &directions, directions.len(), false);

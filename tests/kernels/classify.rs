@@ -1,11 +1,11 @@
 //! Pass `classify` against brute force on the CPU.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use glam::Vec3;
 use kernel_kit::{Gpu, Resources, kernel_test};
-use penumbra::internal::kernels::{Class, Classified, GridShape, INVALID_POINT, Queue};
-use penumbra::internal::passes::classify::{Chunk, Classify, ClassifyBuffers};
+use penumbra::internal::kernels::{CellKind, Class, Classified, GridShape, INVALID_POINT, Queue, ShownCell};
+use penumbra::internal::passes::classify::{Chunk, Classify, ClassifyBuffers, ShowCells};
 use penumbra::internal::passes::grid::{Grid, Photon};
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -16,6 +16,8 @@ use crate::rooms::{Random, Room, nearest_kinds, point_normal};
 
 struct Outcome {
     words: Vec<u32>,
+    /// The cells of the points; none if they are not shown.
+    cells: Vec<ShownCell>,
     counters: Vec<u32>,
     boundary_queue: Vec<u32>,
     audit_queue: Vec<u32>,
@@ -29,6 +31,7 @@ struct Setup<'a> {
     shape: GridShape,
     nearest: u32,
     exact_counts: bool,
+    shows_cells: bool,
     paper_counting: bool,
     visibility_estimate: bool,
     tile: Tile,
@@ -50,6 +53,7 @@ impl<'a> Setup<'a> {
             shape,
             nearest,
             exact_counts: true,
+            shows_cells: false,
             paper_counting: false,
             visibility_estimate: false,
             tile,
@@ -84,8 +88,20 @@ impl<'a> Setup<'a> {
         bound.record(&mut frame, &buffers, &self.tile, &self.chunk, 128);
         frame.submit().unwrap();
         let lengths: Vec<u32> = gpu.read(&buffers.queue_lengths, Queue::COUNT).unwrap();
+        let words = gpu.read(&buffers.classes, candidates as usize).unwrap();
+        let mut cells = Vec::new();
+        if self.shows_cells {
+            let show = ShowCells::new(gpu, &features, self.nearest).unwrap();
+            let bound = show.bind(gpu, &tile, Some(&grid), &buffers, &Resources::new()).unwrap();
+            let mut frame = gpu.frame("test");
+            bound.record(&mut frame, &self.tile, self.chunk.first_light);
+            frame.submit().unwrap();
+            let words: Vec<u32> = gpu.read(&buffers.classes, self.points.len()).unwrap();
+            cells = words.into_iter().map(ShownCell::new).collect();
+        }
         Outcome {
-            words: gpu.read(&buffers.classes, candidates as usize).unwrap(),
+            words,
+            cells,
             counters: gpu.read(&tile.counters, Counter::COUNT).unwrap(),
             boundary_queue: gpu.read(&buffers.boundary_queue, lengths[Queue::Boundary as usize] as usize).unwrap(),
             audit_queue: gpu.read(&buffers.audit_queue, lengths[Queue::Audit as usize] as usize).unwrap(),
@@ -192,6 +208,53 @@ fn a_room_is_classified_as_by_brute_force(gpu: &Gpu) {
             assert!(!setup.compare(gpu, &photons, 3).wrong.is_empty(), "missing photons are not found");
         }
     }
+}
+
+/// Shown cells are those of the grid, and what they tell holds by brute force for each of their points. Missing photons
+/// are found.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn shown_cells_are_those_that_decide(gpu: &Gpu) {
+    let room = Room::new(0.05);
+    let photons = room.photons(60_000, 0, &mut Random(5));
+    let mut points = room.points(96, 96);
+    points[77].normal = INVALID_POINT;
+    let shape = GridShape::new(room.bounds(), room.area(), photons.len() as u32, 1, 50);
+    let mut setup = Setup::new(&photons, &points, shape, 50);
+    (setup.exact_counts, setup.shows_cells) = (false, true);
+    let wrong = |cells: &[ShownCell]| -> usize {
+        let decided = |cell: &ShownCell| matches!(cell.class, Class::Lit | Class::Shadowed);
+        let candidates = points.iter().zip(cells).step_by(5).filter(|(_, cell)| decided(cell));
+        let is_wrong = |(point, cell): &(&Point, &ShownCell)| {
+            let found = nearest_kinds(&photons, point, 0, 50, shape.reach().into(), true);
+            // Rounding decides the others.
+            found.is_some_and(|kinds| {
+                kinds.is_none_or(|(n_i, n_s)| (n_i == 0) == (cell.class == Class::Lit) || n_s * n_i > 0)
+            })
+        };
+        candidates.filter(is_wrong).count()
+    };
+    let cells = setup.run(gpu).cells;
+    assert_eq!(wrong(&cells), 0);
+    assert_eq!((cells[77].class, cells[77].kind), (Class::Dark, CellKind::None));
+    let count = |class| cells.iter().filter(|cell| cell.class == class).count();
+    // The shadow is small: 9,216 points see the room.
+    let counts = [Class::Lit, Class::Shadowed, Class::Boundary].map(count);
+    assert!(counts.iter().all(|count| *count > 5), "{counts:?}");
+    assert!(cells.iter().any(|cell| cell.kind == CellKind::Requested), "no cell was requested");
+    let mut hashes = HashMap::new();
+    for (point, cell) in points.iter().zip(&cells).filter(|(_, cell)| cell.kind != CellKind::None) {
+        let units = (Vec3::from(point.position) - Vec3::from(shape.origin)) * shape.inverse_cell;
+        // A point at a face may be in either cell.
+        if (units - units.round()).abs().min_element() > 1e-3 {
+            let known = *hashes.entry(units.floor().as_ivec3()).or_insert(cell.hash);
+            assert_eq!((known, cell.level), (cell.hash, 0), "{point:?}");
+        }
+    }
+    let distinct: HashSet<u32> = hashes.values().copied().collect();
+    assert!(distinct.len() == hashes.len() && distinct.len() > 100, "{} of {} cells", distinct.len(), hashes.len());
+    let fewer: Vec<Photon> = photons.iter().filter(|photon| photon.word >> 31 == 0).copied().collect();
+    setup.photons = &fewer;
+    assert!(wrong(&setup.run(gpu).cells) > 0, "missing photons are not found");
 }
 
 /// Boundaries are dilated by one pixel on the same surface; counters and queues agree with the words, and the audited

@@ -8,8 +8,8 @@ use kernel_kit::{Composed, DeviceLimits, Feature as _, Gpu, Taken, kernel_test};
 use penumbra::internal::kernels::{compose, compose_source, kernel_stems};
 use penumbra::internal::procedural::Role;
 use penumbra::internal::scene::{
-    AlphaMode, Anisotropy, Clearcoat, ColourSpace, Filter, Iridescence, LightKind, Material, Panorama, Scene, Sheen,
-    Specular, Texture, TextureImage, TextureInfo, Transmission, Wrap,
+    AlphaMode, Anisotropy, Clearcoat, ColourSpace, DiffuseTransmission, Dispersion, Filter, Iridescence, LightKind,
+    Material, Medium, Panorama, Scene, Sheen, Specular, Texture, TextureImage, TextureInfo, Transmission, Volume, Wrap,
 };
 use penumbra::internal::specialisation::Specialisation;
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -22,12 +22,12 @@ use crate::path::{camera, render_with, scene, surface};
 use crate::procedurals::{self, Object};
 use crate::stage::hash1;
 
-/// A random selection of some thirty properties of a scene, its settings and the device.
+/// A random selection of some forty properties of a scene, its settings and the device.
 #[derive(Clone, Copy)]
 struct Selection(u64);
 
-/// Random selections. A combination of two properties occurs in one of four selections, so 192 selections miss one of
-/// the two thousand combinations with a probability of 2e-13.
+/// Random selections. A combination of two properties occurs in one of four selections, or of eight for lobes of
+/// materials: 192 selections miss one of the combinations with a probability of 1e-9.
 fn selections() -> impl ParallelIterator<Item = Selection> {
     (0..192u32).into_par_iter().map(|i| Selection(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
 }
@@ -55,7 +55,9 @@ impl Selection {
             lamp.clone(),
             Material { emissive_texture: texture(0), ..lamp.clone() },
         ];
-        for (i, material) in (0..).zip(materials).filter(|(i, _)| self.has(*i)) {
+        // Half of the scenes are without lobes.
+        let has_lobe = |property: u64| self.has(55) && self.has(property);
+        for (i, material) in (0..).zip(materials).filter(|(i, _)| if *i == 0 { has_lobe(0) } else { self.has(*i) }) {
             meshes.push((panel(i as f64 - 4.0), material));
         }
         let normal_texture = texture(0).filter(|_| self.has(48));
@@ -70,11 +72,24 @@ impl Selection {
             },
             Material { sheen: Sheen::new(Vec3::ONE, 0.0), ..plain.clone() },
         ];
-        for (i, material) in (33..).zip(lobed).filter(|(i, _)| self.has(*i)) {
+        for (i, material) in (33..).zip(lobed).filter(|(i, _)| has_lobe(*i)) {
             meshes.push((panel(i as f64 - 29.0), material));
         }
-        if self.has(50) {
-            meshes.push((panel(8.0), Material { iridescence: Iridescence::new(1.0, 1.3, 400.0), ..plain }));
+        if has_lobe(50) {
+            meshes.push((panel(8.0), Material { iridescence: Iridescence::new(1.0, 1.3, 400.0), ..plain.clone() }));
+        }
+        if has_lobe(38) {
+            let diffuse_transmission = DiffuseTransmission::new(0.5, Vec3::ONE);
+            meshes.push((panel(9.0), Material { diffuse_transmission, ..plain.clone() }));
+        }
+        let volume = Volume { attenuation_distance: 1.0, attenuation_colour: Vec3::splat(0.5) };
+        if has_lobe(39) {
+            let (transmission, dispersion) = (Transmission::with_factor(1.0), Dispersion::new(1.0));
+            let glass = Material { transmission, dispersion, volume: Some(volume), ..plain.clone() };
+            meshes.push((panel(10.0), glass));
+        }
+        if has_lobe(40) {
+            meshes.push((panel(11.0), Material { medium: Some(Medium { ior: 1.33, volume }), ..plain }));
         }
         if self.has(8) {
             meshes.push((cube(DVec3::Y, 0.1), lamp));
@@ -160,6 +175,7 @@ impl Selection {
             .with(Feature::ClosedForms, self.has(52))
             .with(Feature::SampledForms, self.has(53))
             .with(Feature::FarEmitters, far)
+            .with(Feature::ShownCells, self.has(56))
     }
 }
 
@@ -231,7 +247,7 @@ fn reachable_features_compose() {
 /// with unused terms, and for the few paths that take another way because of them.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
-    const FORCED: [Feature; 22] = [
+    const FORCED: [Feature; 25] = [
         Feature::Needles,
         Feature::Textures,
         Feature::Uv1,
@@ -240,6 +256,9 @@ fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
         Feature::SmoothNormals,
         Feature::Glossy,
         Feature::Transmission,
+        Feature::DiffuseTransmission,
+        Feature::Dispersion,
+        Feature::Immersed,
         Feature::Clearcoat,
         Feature::CoatNormals,
         Feature::Anisotropy,

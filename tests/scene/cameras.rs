@@ -97,6 +97,36 @@ fn views_are_filled() {
     }
 }
 
+/// All cameras of a turntable look at the same point from the same distance, at equal angles. All vertices are in all
+/// views, and in one of them they reach its margin.
+#[test]
+fn turntables_stand_still() {
+    let mut file = File::new();
+    file.mesh(&[[-5., 0., 3.], [7., 60., 2.], [1., 2., -60.]], json!({}));
+    file.mesh(&[[20., 3., 30.], [2., -4., 9.], [-40., 0., 1.]], json!({}));
+    let scene = file.load();
+    let (azimuth, elevation, aspect) = (20.0, 30.0, 1.5);
+    let cameras = scene.turntable(&Framing { azimuth, elevation, aspect }, 8);
+    assert_eq!(cameras.len(), 8);
+    let middle = {
+        let bounds = scene.bounds().unwrap();
+        0.5 * (bounds[0] + bounds[1])
+    };
+    let distance = (cameras[0].position - middle).length();
+    let mut margins = Vec::new();
+    for (view, camera) in (0u8..).zip(&cameras) {
+        let (a, e) = ((azimuth + 45.0 * f32::from(view)).to_radians(), elevation.to_radians());
+        let towards = Vec3::new(a.sin() * e.cos(), e.sin(), a.cos() * e.cos());
+        assert!((camera.position - middle - distance * towards).length() < 1e-5, "view {view}: {}", camera.position);
+        assert!((camera.axes[2] - towards).length() < 1e-6);
+        let inside = spans(&scene, camera, aspect).map(|[low, high]| (low + 1.0).min(1.0 - high));
+        margins.push(inside[0].min(inside[1]));
+    }
+    // Roundings of f32 positions of unit size.
+    let tightest = margins.into_iter().fold(f32::MAX, f32::min);
+    assert!((tightest - 0.1).abs() < 1e-4, "{tightest}");
+}
+
 /// A triangle that fills half of the view covers half of it, as far as the view shows it. A turned camera sees none of
 /// it; and one in the plane of a triangle cannot tell.
 #[test]

@@ -205,9 +205,41 @@ fn targets_displace_positions_normals_and_tangents() {
     let indices = file.accessor(&[2, 1, 0], U8, "SCALAR", 3);
     file.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
     assert_corners(&file.load(), [[0., 8., -2.], [4., -1., 0.], [-1., 0., 0.]]);
-    // Colours of targets are not supported, which is noted.
+    // Without colours of its own there is nothing to displace, which is noted.
     file.json["meshes"][0]["primitives"][0]["targets"][0]["COLOR_0"] = json!(0);
-    assert!(file.load().notes.iter().any(|note| note.contains("morph targets of colours")));
+    assert!(file.load().notes.iter().any(|note| note.contains("morph targets of attributes that they lack")));
+}
+
+#[test]
+fn targets_displace_colours_and_coordinates() {
+    let mut file = morphed();
+    let colours = file.floats(&[[0.25f32, 0.5, 0.75, 0.5]; 3]);
+    let coordinates = file.floats(&[[0f32, 0.], [1., 0.], [0., 1.]]);
+    let (red, all) = (file.floats(&[[0.5f32, 0., -1.]; 3]), file.floats(&[[0f32, 0.25, 0., 1.]; 3]));
+    let moved = file.floats(&[[0.5f32, 0.], [0., 0.], [0., -2.]]);
+    let primitive = &mut file.json["meshes"][0]["primitives"][0];
+    for (name, accessor) in [("COLOR_0", colours), ("TEXCOORD_0", coordinates), ("TEXCOORD_1", coordinates)] {
+        primitive["attributes"][name] = json!(accessor);
+    }
+    primitive["targets"][0]["COLOR_0"] = json!(red);
+    primitive["targets"][1]["COLOR_0"] = json!(all);
+    primitive["targets"][0]["TEXCOORD_0"] = json!(moved);
+    primitive["targets"][1]["TEXCOORD_1"] = json!(moved);
+    let state = |file: &File, corner: usize| {
+        let scene = file.load();
+        let vertex = scene.vertices[scene.triangles[0].vertices[corner] as usize];
+        (vertex.colour.to_array(), vertex.uv.map(|uv| uv.to_array()))
+    };
+    assert_eq!(state(&file, 0), ([0.25, 0.5, 0.75, 0.5], [[0.0, 0.0]; 2]));
+    // Three components leave alpha; the sum stays within 0 and 1.
+    file.json["meshes"][0]["weights"] = json!([1.0, 0.0]);
+    assert_eq!(state(&file, 0), ([0.75, 0.5, 0.0, 0.5], [[0.5, 0.0], [0.0, 0.0]]));
+    file.json["meshes"][0]["weights"] = json!([0.5, 1.0]);
+    assert_eq!(state(&file, 2), ([0.5, 0.75, 0.25, 1.0], [[0.0, 0.0], [0.0, -1.0]]));
+    assert!(!file.load().notes.iter().any(|note| note.contains("morph targets")));
+    // Two components are no colour.
+    file.json["meshes"][0]["primitives"][0]["targets"][0]["COLOR_0"] = json!(moved);
+    assert_eq!(refused_at(&file), "/meshes/0/primitives/0/targets/0/COLOR_0");
 }
 
 #[test]

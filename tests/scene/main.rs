@@ -7,6 +7,7 @@ mod cameras;
 mod compressed;
 mod deformed;
 mod geometry;
+mod image_lights;
 mod instances;
 mod lights;
 mod materials;

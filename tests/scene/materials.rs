@@ -7,6 +7,7 @@ use penumbra::internal::specialisation::Specialisation;
 use penumbra::internal::specialisation::features::Feature;
 use serde_json::{Value, json};
 
+use crate::bad_input::refused_at;
 use crate::builder::{File, U16, png};
 
 /// A triangle with `material` and two sets of texture coordinates, and `images` images.
@@ -332,4 +333,113 @@ fn specular_and_glossiness() {
         let error = of(json!({ key: bad }), 0).load_with(&Default::default()).unwrap_err().to_string();
         assert!(error.contains(&format!("/materials/0/extensions/{NAME}/{key}")), "{error}");
     }
+}
+
+/// Leaves and prisms: all parameters, and the features of kernels that need them.
+#[test]
+fn diffuse_transmission_and_dispersion() {
+    let info = |index: u32| json!({ "index": index });
+    let of = |extensions: Value, images: usize| with_material(json!({ "extensions": extensions }), images).load();
+    let features = |scene: &Scene| Specialisation::new(scene, None, &Settings::default()).features;
+    let leaf = of(
+        json!({ "KHR_materials_diffuse_transmission": {
+            "diffuseTransmissionFactor": 0.5, "diffuseTransmissionColorFactor": [0.25, 0.5, 0.75],
+            "diffuseTransmissionTexture": info(0), "diffuseTransmissionColorTexture": info(1),
+        } }),
+        2,
+    );
+    assert!(!leaf.notes.iter().any(|note| note.contains("diffuse")), "{:?}", leaf.notes);
+    let lobe = leaf.materials[0].diffuse_transmission;
+    assert_eq!((lobe.factor, lobe.colour), (0.5, Vec3::new(0.25, 0.5, 0.75)));
+    let spaces = [lobe.texture, lobe.colour_texture].map(|info| leaf.textures[info.unwrap().texture as usize].space);
+    assert_eq!(spaces, [ColourSpace::Linear, ColourSpace::Srgb]);
+    assert!(features(&leaf).has(Feature::DiffuseTransmission) && features(&leaf).has(Feature::Transmission));
+    let opaque = of(json!({ "KHR_materials_diffuse_transmission": {} }), 0);
+    assert!(!features(&opaque).has(Feature::DiffuseTransmission) && !features(&opaque).has(Feature::Transmission));
+
+    let prism = |thickness: f64, transmission: f64| {
+        of(
+            json!({
+                "KHR_materials_dispersion": { "dispersion": 0.5 },
+                "KHR_materials_transmission": { "transmissionFactor": transmission },
+                "KHR_materials_volume": { "thicknessFactor": thickness },
+            }),
+            0,
+        )
+    };
+    assert_eq!(prism(1.0, 1.0).materials[0].dispersion.strength, 0.5);
+    assert!(features(&prism(1.0, 1.0)).has(Feature::Dispersion));
+    // A thin wall does not refract, and what is opaque neither.
+    assert!(!features(&prism(0.0, 1.0)).has(Feature::Dispersion));
+    assert!(!features(&prism(1.0, 0.0)).has(Feature::Dispersion));
+    for (extension, key, value) in [
+        ("KHR_materials_diffuse_transmission", "diffuseTransmissionFactor", json!(1.5)),
+        ("KHR_materials_diffuse_transmission", "diffuseTransmissionColorFactor", json!([0, 0, -1])),
+        ("KHR_materials_dispersion", "dispersion", json!(-1)),
+    ] {
+        let file = with_material(json!({ "extensions": { extension: { key: value } } }), 0);
+        assert!(refused_at(&file).starts_with(&format!("/materials/0/extensions/{extension}/{key}")));
+    }
+}
+
+/// The corners of a cube with the given centre and half of its side, as triangles of three positions each.
+fn cube(centre: [f32; 3], half: f32) -> Vec<[f32; 3]> {
+    const QUADS: [[usize; 4]; 6] = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let side = |i: usize, axis: usize| if i >> axis & 1 == 1 { half } else { -half };
+    let corner = |i: usize| [0, 1, 2].map(|axis| centre[axis] + side(i, axis));
+    QUADS.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).map(corner).collect()
+}
+
+/// What a primitive lies in is the smallest closed volume that encloses it.
+#[test]
+fn volumes_within_volumes() {
+    let volume = |thickness: f64, ior: f64| {
+        json!({ "extensions": {
+            "KHR_materials_ior": { "ior": ior },
+            "KHR_materials_transmission": { "transmissionFactor": 1 },
+            "KHR_materials_volume": {
+                "thicknessFactor": thickness, "attenuationDistance": 2, "attenuationColor": [0.5, 0.5, 0.5],
+            },
+        } })
+    };
+    let load = |tank: Value, inner: &[(&str, [f32; 3], f32, usize)]| {
+        let mut file = File::new();
+        for material in [tank, volume(1.0, 1.5), json!({}), json!({ "emissiveFactor": [1, 1, 1] })] {
+            file.add("materials", material);
+        }
+        file.mesh(&cube([0.0; 3], 4.0), json!({ "material": 0 }));
+        for (_, centre, half, material) in inner {
+            file.mesh(&cube(*centre, *half), json!({ "material": material }));
+        }
+        file.load()
+    };
+    let index = |scene: &Scene, cube: usize| {
+        let material = &scene.materials[scene.triangles[12 * cube].material as usize];
+        material.medium.map(|medium| medium.ior)
+    };
+    let water = || volume(1.0, 1.25);
+    let inner = [
+        ("glass in water", [1.0, 1.0, 1.0], 1.5, 1),
+        ("stone in the glass", [1.0, 1.0, 1.0], 0.5, 2),
+        ("stone in water", [-2.0, 0.0, 0.0], 0.5, 2),
+        ("stone beside the tank", [8.0, 0.0, 0.0], 0.5, 2),
+        ("stone half out of the water", [4.0, 0.0, 0.0], 0.5, 2),
+        ("lamp in water", [-2.0, 2.0, 0.0], 0.5, 3),
+    ];
+    let scene = load(water(), &inner);
+    let expected = [None, Some(1.25), Some(1.5), Some(1.25), None, None, None];
+    for (cube, expected) in expected.into_iter().enumerate() {
+        assert_eq!(index(&scene, cube), expected, "cube {cube}");
+    }
+    let features = |scene: &Scene| Specialisation::new(scene, None, &Settings::default()).features;
+    assert!(features(&scene).has(Feature::Immersed));
+    assert!(!features(&load(water(), &inner[3..4])).has(Feature::Immersed));
+    // A thin wall encloses no volume; an open one neither, wherever its box is.
+    assert_eq!(index(&load(volume(0.0, 1.25), &inner), 1), None);
+    let mut open = File::new();
+    open.add("materials", water());
+    open.add("materials", json!({}));
+    open.mesh(&cube([0.0; 3], 4.0)[..6], json!({ "material": 0 }));
+    open.mesh(&cube([0.0, 0.0, -4.0], 0.0), json!({ "material": 1 }));
+    assert!(open.load().materials.iter().all(|material| material.medium.is_none()));
 }

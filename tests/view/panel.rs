@@ -138,6 +138,10 @@ fn the_panel_has_its_labels() {
         "materials",
         "copy command",
         "save",
+        "camera's name",
+        "copy of the scene",
+        "save camera",
+        "replace",
     ] {
         assert!(texts.iter().any(|found| found == text), "{text:?} is not in {texts:#?}");
     }
@@ -171,6 +175,9 @@ fn keys_move_the_camera() {
     assert!(window.commands(vec![release], Modifiers::NONE).is_empty());
     assert_eq!(window.commands(vec![key(Key::Home, Modifiers::NONE)], Modifiers::NONE), ["Command(FrameAll)"]);
     assert_eq!(window.commands(vec![key(Key::F, Modifiers::NONE)], Modifiers::NONE), ["Command(FrameAt([0.5, 0.5]))"]);
+    assert_eq!(window.commands(vec![key(Key::Escape, Modifiers::NONE)], Modifiers::NONE), ["Command(Unpick)"]);
+    let last = window.commands(vec![key(Key::Num9, Modifiers::NONE)], Modifiers::NONE);
+    assert!(last.len() == 1 && last[0].contains("overlay: Depth"), "{last:?}");
     let quit = window.commands(vec![key(Key::Q, Modifiers::COMMAND)], Modifiers::COMMAND);
     assert_eq!(quit, ["Quit"]);
 }
@@ -185,6 +192,9 @@ fn clicks_pick_and_press_buttons() {
     assert!(window.texts().contains(&"penumbra render x".to_owned()));
     let save = window.find("save");
     assert_eq!(window.click(save), ["Command(Save(\"picture.png\"))"]);
+    let save = window.find("save camera");
+    let saved = r#"Command(SaveCamera { file: "folder/scene.view.glb", name: "view", replaces: false })"#;
+    assert_eq!(window.click(save), [saved]);
     let denoised = window.find("denoised");
     let choice = window.click(denoised);
     assert!(choice.len() == 1 && choice[0].contains("denoised: true"), "{choice:?}");
@@ -222,6 +232,8 @@ fn a_pixel_is_described() {
         hit: Some(hit),
         radiance: Some([0.1, 0.2, 0.3]),
         lights: vec![light],
+        point: None,
+        nearest: None,
     });
     let texts = Window::new(snapshot).texts();
     for text in

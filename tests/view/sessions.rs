@@ -8,8 +8,10 @@ use std::time::Duration;
 
 use glam::DVec3;
 use kernel_kit::{DeviceChoice, Gpu};
-use penumbra::internal::scene::LookAt;
-use penumbra::internal::view::{Command, Event, Overlay, Shown, Viewpoint, Worker};
+use penumbra::internal::kernels::{CellKind, Class, ShownCell};
+use penumbra::internal::render::photons::SurfacePoint;
+use penumbra::internal::scene::{AddedCamera, Extent, LookAt, NO_LIGHT, with_camera};
+use penumbra::internal::view::{Command, Event, Overlay, Session, Shown, Viewpoint, Worker};
 use penumbra::settings::LightSampling;
 use penumbra::{Image, ImportOptions, Renderer, Scene, Settings, Technique};
 
@@ -17,7 +19,8 @@ use crate::device::gpu;
 use crate::setup::{BOX, SPHERE, choices, folder, session, settings, settle, state};
 
 /// A view of the box from the right.
-const FROM_THE_RIGHT: LookAt = LookAt { from: DVec3::new(0.8, 0.7, 2.2), at: DVec3::new(0.0, 0.4, 0.0), fov: 35.0 };
+const FROM_THE_RIGHT: LookAt =
+    LookAt::upright(DVec3::new(0.8, 0.7, 2.2), DVec3::new(0.0, 0.4, 0.0), Extent::FieldOfView(35.0));
 
 fn render(file: &str, view: Option<&LookAt>, settings: &Settings) -> Image {
     let scene = Scene::load(file, &ImportOptions::default()).unwrap();
@@ -142,6 +145,184 @@ fn a_picked_pixel_tells_its_surface_and_its_lights() {
     let [light] = floor.lights.as_slice() else { panic!("{floor:?}") };
     assert!(["lit", "boundary"].contains(&light.class), "{light:?}");
     assert!(light.photons[0] > 0.0 && light.visibility > 0.2, "{light:?}");
+}
+
+fn shows(overlay: Overlay) -> Command {
+    let mut choices = choices(settings().with(|s| s.image.spp = 1));
+    choices.display.overlay = overlay;
+    Command::Choose(Box::new(choices))
+}
+
+/// The photons that are drawn about a point are those that the kernels counted there; Escape takes them away.
+#[test]
+fn a_picked_point_has_the_photons_that_decide_it() {
+    let mut session = session(gpu(), BOX.as_ref(), settings());
+    let unmarked = settle(&mut session, [shows(Overlay::Classes)]).pixels;
+    let mut mixed = 0;
+    for step in 0..24 {
+        let at = [0.2 + 0.025 * step as f32, 0.9];
+        let shown = settle(&mut session, [Command::Pick(at)]);
+        assert_ne!(shown.pixels, unmarked, "nothing is drawn");
+        let picked = shown.picked.unwrap();
+        let nearest = picked.nearest.unwrap();
+        let light = &picked.lights[0];
+        // Where there are too few photons, or the light is behind the surface, nothing is counted.
+        if ["dark", "unknown"].contains(&light.class) {
+            continue;
+        }
+        assert_eq!(nearest.counts().map(|count| count as f32), light.photons, "at {at:?}: {light:?}");
+        assert_eq!(nearest.photons.len(), settings().visibility_map.nearest as usize);
+        let here = nearest.point.position;
+        assert!(nearest.photons.iter().all(|photon| photon.position.distance(here) <= nearest.radius * 1.0001));
+        mixed += usize::from(light.photons.iter().all(|count| *count > 0.0));
+    }
+    assert!(mixed > 0, "no boundary was picked");
+    let shown = settle(&mut session, [Command::Unpick]);
+    assert!(shown.picked.is_none() && shown.pixels == unmarked);
+}
+
+/// The share of points of the light that a point sees, from f64 rays among all triangles; none if the light is behind.
+fn light_share(scene: &Scene, point: &SurfacePoint) -> Option<f64> {
+    let triangles = || (0..scene.triangles.len()).map(|i| (i, scene.triangle_positions(i).map(|p| p.as_dvec3())));
+    let emits = |i: usize| scene.triangles[i].light != NO_LIGHT;
+    let origin = point.position.as_dvec3() + 1e-5 * point.normal;
+    let blocks = |[a, b, c]: [DVec3; 3], way: DVec3| {
+        let (a, b, c) = (a - origin, b - origin, c - origin);
+        let normal = (b - a).cross(c - a);
+        let t = a.dot(normal) / way.dot(normal);
+        let inside = |p: DVec3, q: DVec3| (q - p).cross(t * way - p).dot(normal) >= 0.0;
+        t > 0.0 && t < 1.0 - 1e-6 && inside(a, b) && inside(b, c) && inside(c, a)
+    };
+    let (mut seen, mut all) = (0, 0);
+    for (_, [a, b, c]) in triangles().filter(|(i, _)| emits(*i)) {
+        for (u, v) in [(0.1, 0.1), (0.8, 0.1), (0.1, 0.8), (0.33, 0.33), (0.5, 0.2), (0.2, 0.5), (0.05, 0.45)] {
+            let way = a + u * (b - a) + v * (c - a) - origin;
+            if way.dot(point.normal) <= 0.0 {
+                return None;
+            }
+            all += 1;
+            seen += usize::from(!triangles().any(|(i, corners)| !emits(i) && blocks(corners, way)));
+        }
+    }
+    Some(seen as f64 / all as f64)
+}
+
+/// Fine cells say of their points what rays say, but for faint parts of penumbrae; those of another view do not.
+#[test]
+fn shown_cells_are_right() {
+    let scene = Scene::load(BOX, &ImportOptions::default()).unwrap();
+    let settings = Settings::builder().size(32, 32).spp(32).max_bounces(0).photons_per_light(60_000).build().unwrap();
+    let mut renderer = Renderer::new(gpu(), scene.clone(), &scene.cameras[0], &settings).unwrap();
+    while renderer.samples() < 32 {
+        renderer.render_batch().unwrap();
+    }
+    let cells = renderer.shown_cells(0).unwrap().unwrap();
+    let points: Vec<_> = (0..1024).step_by(3).map(|i| renderer.surface_point([i % 32, i / 32]).unwrap()).collect();
+    let told = |cells: &[ShownCell]| {
+        let (mut right, mut wrong) = (0, 0);
+        for (cell, point) in cells.iter().step_by(3).zip(&points) {
+            let Some(share) = point.as_ref().and_then(|point| light_share(&scene, point)) else { continue };
+            match cell.class {
+                Class::Lit if share < 1.0 => wrong += 1,
+                Class::Shadowed if share > 0.0 => wrong += 1,
+                Class::Lit | Class::Shadowed => right += 1,
+                _ => {}
+            }
+        }
+        (right, wrong)
+    };
+    let fine = cells.iter().filter(|cell| cell.kind == CellKind::Fine).count();
+    assert!(fine > 600, "{fine} of 1024 points have fine cells");
+    let divided = cells.iter().filter(|cell| cell.level > 0 || cell.class == Class::Boundary).count();
+    assert!(divided > 20, "{divided} points are in divided cells");
+    // One in a hundred: a cell is decided by its first photons.
+    let (right, wrong) = told(&cells);
+    assert!(right > 150 && wrong * 100 <= right, "{right} right, {wrong} wrong");
+    let turned: Vec<ShownCell> = cells.iter().rev().copied().collect();
+    let (right, wrong) = told(&turned);
+    assert!(wrong * 30 > right, "cells of other pixels are not found: {right} right, {wrong} wrong");
+}
+
+/// A copy of the scene has the camera, which renders the same bits; all else in the file stays.
+#[test]
+fn a_camera_is_saved_into_a_copy_of_the_scene() {
+    let folder = folder();
+    let file = folder.path().join("scene.glb");
+    fs::copy(BOX, &file).unwrap();
+    let rolled = LookAt { up: DVec3::new(0.3, 1.0, 0.1), ..FROM_THE_RIGHT };
+    let flat = LookAt { extent: Extent::Height(1.2), ..FROM_THE_RIGHT };
+    let mut session = session(gpu(), &file, settings());
+    // A render that begins takes messages away.
+    settle(&mut session, []);
+    let save = |name: &str, camera: &str, replaces: bool| {
+        let file = folder.path().join(name);
+        Command::SaveCamera { file, name: camera.to_owned(), replaces }
+    };
+    for (number, view) in [FROM_THE_RIGHT, rolled, flat].into_iter().enumerate() {
+        let name = format!("copy {number}.glb");
+        let shown = settle(&mut session, [Command::Camera(Viewpoint::Placed(view)), save(&name, "side", false)]);
+        assert!(shown.message.as_ref().is_some_and(|told| told.contains("camera `side`")), "{:?}", shown.message);
+        let copy = folder.path().join(&name);
+        let scene = Scene::load(&copy, &ImportOptions::default()).unwrap();
+        let camera = scene.cameras.iter().find(|camera| camera.name == "side").unwrap().clone();
+        let mut renderer = Renderer::new(gpu(), scene, &camera, &settings()).unwrap();
+        while renderer.samples() < 4 {
+            renderer.render_batch().unwrap();
+        }
+        assert!(bytes(&renderer.image().unwrap()) == *shown.pixels, "the picture of {view:?}");
+        // The second chunk is the same.
+        let chunk = |file: &Path| {
+            let bytes = fs::read(file).unwrap();
+            let first = 20 + u32::from_le_bytes([bytes[12], bytes[13], bytes[14], bytes[15]]) as usize;
+            bytes[first..].to_vec()
+        };
+        assert!(chunk(&copy) == chunk(&file));
+    }
+    // Nothing is replaced without being asked, and no file becomes one of another kind.
+    let before = fs::read(&file).unwrap();
+    let told = |session: &mut Session<'_>, command| settle(session, [command]).message.unwrap();
+    assert!(told(&mut session, save("scene.glb", "side", false)).contains("is the open file"));
+    assert!(told(&mut session, save("copy 0.glb", "side", false)).contains("exists"));
+    assert!(told(&mut session, save("copy.gltf", "side", false)).contains("extension"));
+    assert!(fs::read(&file).unwrap() == before);
+    assert!(told(&mut session, save("scene.glb", "side", true)).contains("wrote"));
+    assert!(told(&mut session, save("scene.glb", "side", true)).contains("`side 2`"));
+    let reloaded = settle(&mut session, [Command::Reload]);
+    assert!(reloaded.cameras.iter().any(|name| name == "side"), "{:?}", reloaded.cameras);
+    // A camera of the file that is orthographic and moves stays so.
+    let flat = reloaded.cameras.iter().position(|name| name == "side").unwrap();
+    let moves = [Command::Camera(Viewpoint::File(flat)), Command::Orbit([0.05, 0.0])];
+    let Viewpoint::Placed(view) = settle(&mut session, moves).picture.eye.viewpoint else { panic!("not moved") };
+    assert_eq!(view.extent, Extent::Height(1.2));
+}
+
+/// A text file is copied beside its buffers, and not elsewhere.
+#[test]
+fn a_text_file_is_copied_beside_its_buffers() {
+    let [own, other] = [folder(), folder()];
+    let json = r#"{ "asset": { "version": "2.0" }, "scene": 0,
+        "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
+        "accessors": [{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+            "min": [0, 0, 0], "max": [1, 1, 0] }],
+        "bufferViews": [{ "buffer": 0, "byteLength": 36 }],
+        "buffers": [{ "uri": "corners.bin", "byteLength": 36 }] }"#;
+    let corners: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let bytes: Vec<u8> = corners.iter().flat_map(|x| x.to_le_bytes()).collect();
+    fs::write(own.path().join("corners.bin"), bytes).unwrap();
+    let file = own.path().join("scene.gltf");
+    fs::write(&file, json).unwrap();
+    let scene = Scene::load(&file, &ImportOptions::default()).unwrap();
+    let view = LookAt::upright(DVec3::new(0.5, 0.4, 3.0), DVec3::new(0.4, 0.4, 0.0), Extent::default());
+    let (camera, placed) = (scene.look_at(&view).unwrap(), view.axes().map(|axes| (view.from, axes)));
+    let camera = AddedCamera::new("view", &scene, &camera, placed);
+    assert!(with_camera(&file, other.path(), &camera).unwrap_err().to_string().contains("beside"));
+    let (copy, name) = with_camera(&file, own.path(), &camera).unwrap();
+    let copied = Scene::from_bytes(&copy, &own.path().join("copy.gltf"), &ImportOptions::default()).unwrap();
+    let expected = penumbra::Camera { name, ..scene.look_at(&view).unwrap() };
+    assert_eq!(copied.cameras, [expected]);
+    let text = String::from_utf8(copy).unwrap();
+    assert!(text.contains(r#""nodes": [0,1]"#) && text.contains(r#""min": [0, 0, 0], "max": [1, 1, 0]"#), "{text}");
 }
 
 /// A point that is framed comes to the centre.

@@ -70,7 +70,7 @@ fn a_session_shows_what_render_writes() {
     let screen = program.wait("the picture of the copied command", is_moved);
 
     // Overlays, by their keys; 1 is the picture again.
-    for overlay in ["2", "3", "6", "7", "8"] {
+    for overlay in ["2", "3", "4", "7", "8", "9"] {
         display.input(&format!("key {overlay}"));
         program.wait(overlay, |screen| picture(screen) != moved);
     }

@@ -12,6 +12,8 @@ struct LobeContext {
     front: bool,
     // Base colour times (1 - metallic).
     albedo: vec3f,
+    // 1 - metallic.
+    dielectric: f32,
     // Width of the microfacets' distribution.
     alpha: f32,
     shading_normal: vec3f,

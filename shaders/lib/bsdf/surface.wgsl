@@ -132,6 +132,7 @@ fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> 
             context.hit,
             context.front,
             s.albedo,
+            1.0 - metallic,
             s.specular.alpha,
             s.shading_normal,
             context.unmapped_normal,
@@ -154,6 +155,14 @@ fn without_light(lit: Surface) -> Surface {
     s.albedo = vec3f(0.0);
     @each(base) { s.NAME = NAME_blocked(s.NAME); }
     return s;
+}
+
+// Whether light passes through the surface.
+@if(transmission)
+fn passes_light(s: Surface) -> bool {
+    var passes = false;
+    @each(base) { passes = passes || NAME_is_present(s.NAME); }
+    return passes;
 }
 
 // ---- Packing

@@ -7,6 +7,9 @@
 @if(transmission && textures) import package::lib::constants::{TRANSMISSION_TEXTURE, TRANSMISSION_TEXTURES};
 @if(transmission) import package::lib::material::load_material_texel;
 @if(transmission) import package::lib::math::safe_sqrt;
+@if(dispersion) import package::lib::constants::DISPERSION_TEXEL;
+@if(transmission && immersed) import package::lib::constants::MEDIUM_TEXEL;
+@if(dispersion) import package::lib::wavelength::refracted_wavelength;
 
 @if(transmission)
 struct Transmission {
@@ -19,6 +22,9 @@ struct Transmission {
 }
 
 @if(transmission) alias TransmissionFactors = f32;
+
+// Indices of refraction nearer to 1 bend light by less than its half vector, a difference, has digits for.
+@if(dispersion) const MIN_BENDING = 1e-3;
 
 @if(transmission)
 fn transmission_untextured() -> TransmissionFactors {
@@ -43,8 +49,17 @@ fn transmission_factor(material: u32, factor: TransmissionFactors) -> f32 {
 // The volume lies behind the surface's back face.
 @if(transmission)
 fn transmission_lobe(material: u32, factor: TransmissionFactors, context: LobeContext) -> Transmission {
-    let index = bitcast<f32>(load_material_texel(material + VOLUME_TEXEL).w);
-    let tint = context.albedo * transmission_factor(material, factor);
+    var index = bitcast<f32>(load_material_texel(material + VOLUME_TEXEL).w);
+    var tint = context.albedo * transmission_factor(material, factor);
+    @if(dispersion) {
+        let spread = bitcast<f32>(load_material_texel(material + DISPERSION_TEXEL).x);
+        if spread > 0.0 && index != 1.0 {
+            let refracted = refracted_wavelength();
+            index += spread * (f32(refracted.wavelength) - 1.0);
+            if abs(index - 1.0) < MIN_BENDING { index = 1.0; }
+            tint *= refracted.share;
+        }
+    }
     return Transmission(tint, select(index, 1.0 / index, context.front));
 }
 
@@ -64,6 +79,12 @@ fn transmission_blocked(lobe: Transmission) -> Transmission {
 @if(transmission)
 fn volume_transmittance(material: u32, way: f32) -> vec3f {
     return exp(-bitcast<vec3f>(load_material_texel(material + VOLUME_TEXEL).xyz) * way);
+}
+
+// Transmittance of the volume that the surface lies in.
+@if(transmission && immersed)
+fn medium_transmittance(material: u32, way: f32) -> vec3f {
+    return exp(-bitcast<vec3f>(load_material_texel(material + MEDIUM_TEXEL).xyz) * way);
 }
 
 @if(transmission)

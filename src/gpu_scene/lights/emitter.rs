@@ -6,6 +6,7 @@ use std::collections::HashMap;
 use glam::{DVec3, Vec3};
 
 use super::layout::VIEW_SIDE;
+use crate::gpu_scene::oct_unwrap;
 
 /// Whether the triangles are a closed mesh that emits outwards, so that half of them face away from any position. The
 /// area vectors of a closed mesh sum to 0.
@@ -73,13 +74,6 @@ pub(super) fn cumulative_views(triangles: &[[Vec3; 3]], powers: &[f64]) -> Vec<[
         texels.extend(cumulative.chunks_exact(4).map(|four| [four[0], four[1], four[2], four[3]]));
     }
     texels
-}
-
-/// The direction of a position in the octahedral map, -1 to 1 each way, as in the kernels.
-fn oct_unwrap(x: f64, y: f64) -> DVec3 {
-    let z = 1.0 - x.abs() - y.abs();
-    let fold = (-z).max(0.0);
-    DVec3::new(x - fold.copysign(x), y - fold.copysign(y), z).normalize()
 }
 
 /// The partner of each triangle: one that faces nearly the opposite way. Partners are mutual. A triangle for which none

@@ -8,13 +8,14 @@ use std::path::Path;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::sums::{Node, PieceSums, Total, nodes_of};
+use super::sums::{Node, PieceSums, Total, half_of, nodes_of};
 use crate::fingerprint::Fingerprint;
 use crate::render::film::{Channel, Image, Metadata, decode_metadata, read_file};
 use crate::render::picture::Quantity;
 use crate::render::renderer::Renderer;
+use crate::render::tiles::first_half;
 use crate::scene::Normalisation;
-use crate::settings::{Aov, Background, Crop, SampleRange};
+use crate::settings::{Aov, Background, Crop, Denoise, SampleRange};
 use crate::statistics::Counter;
 use crate::{Error, Result};
 
@@ -42,6 +43,8 @@ pub(super) struct Whole {
     centre: [u64; 3],
     exponent: i32,
     pub quantities: Vec<Quantity>,
+    /// What denoisers need is there; see [`super::sums::nodes_of`].
+    pub half: Option<u32>,
 }
 
 impl Whole {
@@ -98,6 +101,7 @@ impl Description {
             && fits(x, width, whole_width)
             && fits(y, height, whole_height)
             && self.whole.aovs().is_some()
+            && self.whole.half.is_none_or(|half| self.whole.samples > 1 && half == first_half(self.whole.samples))
     }
 
     /// The digest of the description and of the sums.
@@ -153,7 +157,7 @@ impl File {
             image.channels.iter().map(|channel| (channel.name.as_str(), channel.samples.as_slice())).collect();
         let mut read = Vec::new();
         let mut nodes = Vec::new();
-        for range in nodes_of(description.range()) {
+        for range in nodes_of(description.range(), description.whole.half) {
             let mut node = Node { range, quantities: Vec::new() };
             for quantity in &description.whole.quantities {
                 let mut totals = vec![Total::default(); image.pixels()];
@@ -198,7 +202,11 @@ impl Piece {
         let sums = renderer.piece_sums.as_ref()?;
         let settings = &renderer.settings;
         let image = &settings.image;
-        let uncut = settings.clone().with(|s| (s.image.crop, s.image.piece) = (None, None));
+        let uncut = settings.clone().with(|s| {
+            (s.image.crop, s.image.piece) = (None, None);
+            // What is kept for denoisers serves all of them.
+            s.image.denoise = if s.image.denoise == Denoise::None { Denoise::None } else { Denoise::Auto };
+        });
         let device = &renderer.gpu.info;
         let Crop { x, y, width, height } = image.part();
         let Normalisation { centre, exponent } = renderer.scene.normalisation;
@@ -218,6 +226,7 @@ impl Piece {
             centre: centre.to_array().map(f64::to_bits),
             exponent,
             quantities: sums.quantities.clone(),
+            half: half_of(image),
         };
         let not_finite = renderer.totals.get(Counter::NotFinite);
         let crop = [x, y, width, height];

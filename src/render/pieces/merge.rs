@@ -3,11 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use kernel_kit::Gpu;
+
 use super::coverage::{Cells, Extent, MissingSamples, is_within, missing, overlap};
 use super::file::{DESCRIPTION, Description, File, Whole};
-use super::sums::{Node, Total, push, totals};
+use super::sums::{Node, Total, first_half_totals, push, totals};
 use crate::passes::film::Sum;
+use crate::render::denoise::Denoiser;
 use crate::render::film::{Channel, Image, Metadata};
+use crate::render::noisy::add_denoised;
 use crate::render::picture::{Picture, Quantity, Sums};
 use crate::settings::{Background, Crop};
 use crate::{Error, Result};
@@ -75,6 +79,30 @@ impl Pieces {
     /// # Errors
     /// [`Error::Input`] that names a file that is damaged.
     pub fn merge(&self) -> Result<Image> {
+        self.merge_and(|_, _| Ok(()))
+    }
+
+    /// As [`Pieces::merge`], with the channels that [`Renderer::denoised_image`](crate::Renderer::denoised_image) adds.
+    /// The statistical denoiser runs on `gpu`, and has the same bits on devices of one kind.
+    ///
+    /// # Errors
+    /// As [`Pieces::merge`]; [`Error::Input`] if samples are missing, or the pieces keep nothing for denoisers;
+    /// [`Error::Input`] with the library of a denoiser that fails.
+    pub fn merge_denoised(&self, gpu: &Gpu, denoiser: &Denoiser) -> Result<Image> {
+        let refuse = |problem: &str| Err(Error::input(&self.files[0].0, "pieces", problem));
+        let guides = [Quantity::GuideAlbedo, Quantity::GuideNormal, Quantity::GuidePosition];
+        if !guides.iter().all(|guide| self.whole.quantities.contains(guide)) {
+            return refuse("keep nothing for denoisers: `image.denoise` was none when they were rendered");
+        }
+        if !self.missing().is_empty() {
+            return refuse("lack samples, and denoisers compare halves of all of them");
+        }
+        let (size, background) = (self.whole.size, self.whole.background());
+        self.merge_and(|image, merged| add_denoised(image, denoiser, gpu, merged, size, background))
+    }
+
+    /// As [`Pieces::merge`], with what `add` adds to the image of the sums.
+    fn merge_and(&self, add: impl FnOnce(&mut Image, &Merged<'_>) -> Result<()>) -> Result<Image> {
         let cells = Cells::new(self.whole.size, &self.extents()).all();
         let mut sums = vec![Vec::new(); cells.len()];
         let mut samples = vec![0; cells.len()];
@@ -89,7 +117,8 @@ impl Pieces {
             metadata.get_or_insert(of_file);
             let crop = description.crop();
             for (index, cell) in cells.iter().enumerate().filter(|(_, cell)| is_within(cell, &crop)) {
-                nodes.iter().for_each(|node| push(&mut sums[index], part_of(node, &crop, cell)));
+                let half = self.whole.half;
+                nodes.iter().for_each(|node| push(&mut sums[index], part_of(node, &crop, cell), half));
                 samples[index] += description.range().count();
             }
         }
@@ -98,6 +127,7 @@ impl Pieces {
         let mean = samples.iter().map(|n| f64::from(*n)).sum::<f64>() / samples.len() as f64;
         let merged = Merged { whole: &self.whole, cells: &cells, sums: &sums, samples };
         let mut image = self.image(&merged)?;
+        add(&mut image, &merged)?;
         image.metadata = self.metadata(metadata.unwrap_or_default(), mean, not_finite);
         Ok(image)
     }
@@ -176,6 +206,13 @@ impl Sums for Merged<'_> {
         let Some(index) = self.whole.quantities.iter().position(|own| *own == quantity) else { return Ok(None) };
         let all = spread(self.whole.size, self.cells, |cell| totals(&self.sums[cell], index));
         Ok(Some(all.into_iter().zip(&self.samples).map(|(total, samples)| total.sum(*samples)).collect()))
+    }
+
+    fn first_halves(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>> {
+        let index = self.whole.quantities.iter().position(|own| *own == quantity);
+        let (Some(index), Some(half)) = (index, self.whole.half) else { return Ok(None) };
+        let all = spread(self.whole.size, self.cells, |cell| first_half_totals(&self.sums[cell], index, half));
+        Ok(Some(all.into_iter().map(|total| total.sum(half)).collect()))
     }
 
     fn samples_of(&self, pixel: usize) -> u32 {

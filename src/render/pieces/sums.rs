@@ -4,6 +4,9 @@
 //! its halves. A piece holds the sums of the largest nodes in its range, at most two of each length. When pieces are
 //! put together, halves become nodes, until only the largest nodes of the whole range are left; these are added from
 //! the first to the last. So the additions are the same for every cut.
+//!
+//! Denoisers compare halves of the samples. The first one is a node, the first half of the first of the largest nodes:
+//! these two stay apart then, and are added as ever.
 
 use bytemuck::{Pod, Zeroable};
 use kernel_kit::{Buffer, Gpu};
@@ -13,7 +16,8 @@ use crate::Result;
 use crate::passes::film::Sum;
 use crate::passes::{Tile, TileBuffers};
 use crate::render::picture::Quantity;
-use crate::settings::{ImageSettings, SampleRange};
+use crate::render::tiles::first_half;
+use crate::settings::{Denoise, ImageSettings, SampleRange};
 
 /// The sum of some samples of a pixel: about 48 bits in two words of each of x, y and z.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -82,23 +86,25 @@ impl Node {
     }
 }
 
-/// The largest nodes in a range, in order.
-pub(super) fn nodes_of(SampleRange { mut first, end }: SampleRange) -> Vec<SampleRange> {
+/// The largest nodes in a range, in order. A node that begins at 0 has at most `half` samples, if that is given.
+pub(super) fn nodes_of(SampleRange { mut first, end }: SampleRange, half: Option<u32>) -> Vec<SampleRange> {
     let mut nodes = Vec::new();
     while first < end {
         let longest = 1 << (end - first).ilog2();
-        let count = if first == 0 { longest } else { longest.min(1 << first.trailing_zeros()) };
+        let aligned = if first == 0 { half.unwrap_or(longest) } else { 1 << first.trailing_zeros() };
+        let count = longest.min(aligned);
         nodes.push(SampleRange { first, end: first + count });
         first += count;
     }
     nodes
 }
 
-/// Puts a node after others, and joins halves.
-pub(super) fn push(nodes: &mut Vec<Node>, node: Node) {
+/// Puts a node after others, and joins halves, but not the samples 0 to `half` - 1 with the next ones.
+pub(super) fn push(nodes: &mut Vec<Node>, node: Node, half: Option<u32>) {
     nodes.push(node);
     while let [.., first, second] = nodes.as_slice()
         && first.is_first_half_with(second)
+        && (first.range.first > 0 || Some(first.range.end) != half)
     {
         let end = second.range.end;
         if let (Some(second), Some(first)) = (nodes.pop(), nodes.last_mut()) {
@@ -118,6 +124,12 @@ pub(super) fn totals(nodes: &[Node], quantity: usize) -> Option<Vec<Total>> {
     Some(totals)
 }
 
+/// The totals of a quantity over the samples 0 to `half` - 1; none if they are not there.
+pub(super) fn first_half_totals(nodes: &[Node], quantity: usize, half: u32) -> Option<Vec<Total>> {
+    let first = nodes.first().filter(|node| node.range == SampleRange { first: 0, end: half })?;
+    Some(first.quantities[quantity].clone())
+}
+
 /// The total of the samples of a node, of which `sample` gives one by its number in the node.
 fn total_of_node(sample: &impl Fn(u32) -> [f32; 4], first: u32, count: u32) -> Total {
     match count {
@@ -130,6 +142,8 @@ fn total_of_node(sample: &impl Fn(u32) -> [f32; 4], first: u32, count: u32) -> T
 pub(in crate::render) struct PieceSums {
     pub(super) quantities: Vec<Quantity>,
     pub(super) range: SampleRange,
+    /// See [`nodes_of`].
+    half: Option<u32>,
     pixels: usize,
     pub(super) nodes: Vec<Node>,
     /// The nodes of the batch under way.
@@ -139,21 +153,24 @@ pub(in crate::render) struct PieceSums {
 impl PieceSums {
     /// No samples yet, of those that the tile's buffers have.
     pub fn new(buffers: &TileBuffers, image: &ImageSettings, range: SampleRange) -> PieceSums {
+        let half = half_of(image);
         let has = |quantity: &Quantity| match quantity {
             Quantity::Squares => image.aovs.contains(&crate::settings::Aov::Variance),
+            Quantity::DirectSquares => half.is_some(),
+            Quantity::IndirectSquares => half.is_some() && buffers.radiance_indirect.is_some(),
             quantity => samples_of(buffers, *quantity).is_some(),
         };
         let quantities = Quantity::ALL.into_iter().filter(has).collect();
         let part = image.part();
         let pixels = part.width as usize * part.height as usize;
         let range = SampleRange { end: range.first, ..range };
-        PieceSums { quantities, range, pixels, nodes: Vec::new(), batch: Vec::new() }
+        PieceSums { quantities, range, half, pixels, nodes: Vec::new(), batch: Vec::new() }
     }
 
     /// Begins a batch of samples of all pixels.
     pub fn begin(&mut self, range: SampleRange) {
         let empty = |range| Node::empty(range, self.quantities.len(), self.pixels);
-        self.batch = nodes_of(range).into_iter().map(empty).collect();
+        self.batch = nodes_of(range, self.half).into_iter().map(empty).collect();
     }
 
     /// Adds the samples of a tile whose first pixel is number `first_pixel` of the piece. Returns how many were left
@@ -169,10 +186,12 @@ impl PieceSums {
         let mut lights = [Vec::new(), Vec::new()];
         for (index, quantity) in self.quantities.iter().enumerate() {
             let samples = match quantity {
-                Quantity::Squares => squares(&lights),
+                Quantity::Squares => squares(&lights[0], &lights[1]),
+                Quantity::DirectSquares => squares(&lights[0], &[]),
+                Quantity::IndirectSquares => squares(&lights[1], &[]),
                 quantity => read(*quantity)?,
             };
-            if *quantity != Quantity::Squares {
+            if samples_of(buffers, *quantity).is_some() {
                 left_out += samples.iter().filter(|sample| !sample.iter().all(|x| x.is_finite())).count() as u64;
             }
             let pixels = tile.pixel_count as usize;
@@ -198,7 +217,7 @@ impl PieceSums {
     pub fn end(&mut self) {
         for node in std::mem::take(&mut self.batch) {
             self.range.end = node.range.end;
-            push(&mut self.nodes, node);
+            push(&mut self.nodes, node, self.half);
         }
     }
 
@@ -221,7 +240,7 @@ impl PieceSums {
     pub fn restored(&self, samples: u32, words: &mut &[u32]) -> Option<PieceSums> {
         let range = SampleRange { end: self.range.first.checked_add(samples)?, ..self.range };
         let mut nodes = Vec::new();
-        for range in nodes_of(range) {
+        for range in nodes_of(range, self.half) {
             let mut node = Node { range, quantities: Vec::new() };
             for _ in &self.quantities {
                 let (own, others) = words.split_at_checked(self.pixels * size_of::<Total>() / size_of::<u32>())?;
@@ -230,8 +249,8 @@ impl PieceSums {
             }
             nodes.push(node);
         }
-        let quantities = self.quantities.clone();
-        Some(PieceSums { quantities, range, pixels: self.pixels, nodes, batch: Vec::new() })
+        let (quantities, half, pixels) = (self.quantities.clone(), self.half, self.pixels);
+        Some(PieceSums { quantities, range, half, pixels, nodes, batch: Vec::new() })
     }
 }
 
@@ -240,20 +259,28 @@ fn samples_of(buffers: &TileBuffers, quantity: Quantity) -> Option<&Buffer> {
     match quantity {
         Quantity::Direct => Some(&buffers.radiance_direct),
         Quantity::Indirect => buffers.radiance_indirect.as_ref(),
-        Quantity::Squares => None,
+        Quantity::Squares | Quantity::DirectSquares | Quantity::IndirectSquares => None,
+        Quantity::GuideAlbedo => buffers.guides.as_ref().map(|guides| &guides.albedo),
+        Quantity::GuideNormal => buffers.guides.as_ref().map(|guides| &guides.normal),
+        Quantity::GuidePosition => buffers.guides.as_ref().map(|guides| &guides.position),
         Quantity::Albedo => buffers.albedo_samples.as_ref(),
         Quantity::Normal => buffers.normal_samples.as_ref(),
         Quantity::Position => buffers.position_samples.as_ref(),
     }
 }
 
-/// The squares of the sum of both lights.
-fn squares([direct, indirect]: &[Vec<[f32; 4]>; 2]) -> Vec<[f32; 4]> {
+/// The squares of the sum of two lights, of which the second may be missing.
+fn squares(one: &[[f32; 4]], other: &[[f32; 4]]) -> Vec<[f32; 4]> {
     let square = |i: usize| {
-        let other = indirect.get(i).copied().unwrap_or_default();
-        [0, 1, 2, 3].map(|axis| (direct[i][axis] + other[axis]) * (direct[i][axis] + other[axis]))
+        let more = other.get(i).copied().unwrap_or_default();
+        [0, 1, 2, 3].map(|axis| (one[i][axis] + more[axis]) * (one[i][axis] + more[axis]))
     };
-    (0..direct.len()).into_par_iter().map(square).collect()
+    (0..one.len()).into_par_iter().map(square).collect()
+}
+
+/// The samples of the first half of the image that denoisers compare with the other one; none if they get none.
+pub(super) fn half_of(image: &ImageSettings) -> Option<u32> {
+    (image.denoise != Denoise::None && image.spp > 1).then(|| first_half(image.spp))
 }
 
 #[cfg(test)]
@@ -287,20 +314,31 @@ mod tests {
     fn no_cut_changes_a_sum() {
         let mut state = 5;
         for n in [1, 2, 3, 8, 13, 64, 100, 257] {
-            let whole: Vec<Node> = nodes_of(SampleRange { first: 0, end: n }).into_iter().map(node).collect();
+            let all = SampleRange { first: 0, end: n };
+            let whole: Vec<Node> = nodes_of(all, None).into_iter().map(node).collect();
             let expected = totals(&whole, 0).unwrap()[0];
+            let half = (n > 1).then(|| first_half(n));
             for _ in 0..50 {
-                let mut nodes = Vec::new();
+                let (mut nodes, mut halved) = (Vec::new(), Vec::new());
                 let mut first = 0;
                 while first < n {
                     let end = (first + 1 + random(&mut state) % n).min(n);
-                    nodes_of(SampleRange { first, end }).into_iter().for_each(|range| push(&mut nodes, node(range)));
+                    let part = SampleRange { first, end };
+                    nodes_of(part, None).into_iter().for_each(|range| push(&mut nodes, node(range), None));
+                    nodes_of(part, half).into_iter().for_each(|range| push(&mut halved, node(range), half));
                     first = end;
                 }
-                let ranges: Vec<_> = nodes.iter().map(|node| node.range).collect();
-                assert_eq!(ranges, nodes_of(SampleRange { first: 0, end: n }), "{n}");
-                let got = totals(&nodes, 0).unwrap()[0];
-                assert_eq!(bytemuck::bytes_of(&got), bytemuck::bytes_of(&expected), "{n}");
+                for (nodes, half) in [(&nodes, None), (&halved, half)] {
+                    let ranges: Vec<_> = nodes.iter().map(|node| node.range).collect();
+                    assert_eq!(ranges, nodes_of(all, half), "{n}");
+                    let got = totals(nodes, 0).unwrap()[0];
+                    assert_eq!(bytemuck::bytes_of(&got), bytemuck::bytes_of(&expected), "{n}");
+                }
+                if let Some(half) = half {
+                    let got = first_half_totals(&halved, 0, half).unwrap()[0];
+                    let expected = node(SampleRange { first: 0, end: half }).quantities[0][0];
+                    assert_eq!(bytemuck::bytes_of(&got), bytemuck::bytes_of(&expected), "the first {half} of {n}");
+                }
             }
         }
     }
@@ -309,7 +347,7 @@ mod tests {
     #[test]
     fn sums_are_right() {
         let n = 1000;
-        let nodes: Vec<Node> = nodes_of(SampleRange { first: 0, end: n }).into_iter().map(node).collect();
+        let nodes: Vec<Node> = nodes_of(SampleRange { first: 0, end: n }, None).into_iter().map(node).collect();
         let got = totals(&nodes, 0).unwrap()[0].sum(n);
         let kept = (0..n).map(sample).filter(|sample| sample[0].is_finite());
         for axis in 0..4 {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde::Deserialize;
 use toml::{Table, Value};
@@ -9,7 +10,7 @@ use toml::{Table, Value};
 use crate::{Error, Result};
 
 /// Flags that `penumbra check` sets itself, or that make no image which could be compared.
-const REFUSED: [&str; 14] = [
+const REFUSED: [&str; 15] = [
     "output",
     "stats",
     "device",
@@ -21,6 +22,7 @@ const REFUSED: [&str; 14] = [
     "frames",
     "fps",
     "seed-per-frame",
+    "turntable",
     "samples",
     "view",
     "exposure",
@@ -63,15 +65,18 @@ pub struct Limits {
     pub changed: f64,
     /// A pixel has changed if a channel of its 8-bit sRGB colour differs by more than this.
     pub step: u8,
+    /// Seconds after which a render is ended.
+    pub seconds: f64,
 }
 
 impl Default for Limits {
     /// For another driver or processor on a device of the same kind. On one machine the bits are the same. Measured
     /// with `scenes/check/CASES.toml`: another Vulkan on the CPU (SwiftShader) has relMSE 4.9e-5 and FLIP 0.013 against
     /// lavapipe in the crowd; another seed has relMSE 0.019 to 0.060 and FLIP 0.061 to 0.079 in box, crowd and
-    /// materials.
+    /// materials. The time is for drivers that hang, not for slow machines: a case of that file takes a few seconds, of
+    /// which compiling kernels is most, and hosted services end a run, without a page, after six hours.
     fn default() -> Limits {
-        Limits { relmse: 1e-3, flip: 0.03, changed: 0.02, step: 8 }
+        Limits { relmse: 1e-3, flip: 0.03, changed: 0.02, step: 8, seconds: 600.0 }
     }
 }
 
@@ -83,6 +88,7 @@ struct GivenLimits {
     flip: Option<f64>,
     changed: Option<f64>,
     step: Option<u8>,
+    seconds: Option<f64>,
 }
 
 impl GivenLimits {
@@ -92,6 +98,7 @@ impl GivenLimits {
             flip: self.flip.unwrap_or(limits.flip),
             changed: self.changed.unwrap_or(limits.changed),
             step: self.step.unwrap_or(limits.step),
+            seconds: self.seconds.unwrap_or(limits.seconds),
         }
     }
 }
@@ -162,6 +169,9 @@ impl Cases {
             let is_share = |x: f64| (0.0..=1.0).contains(&x);
             if !(limits.relmse >= 0.0 && is_share(limits.flip) && is_share(limits.changed)) {
                 return Err(refuse("limits are 0 or more; flip and changed are at most 1".into()));
+            }
+            if Duration::try_from_secs_f64(limits.seconds).is_err() || limits.seconds == 0.0 {
+                return Err(refuse("the limit seconds is more than 0".into()));
             }
             cases.push(Case {
                 scene: scene.map(|scene| folder.join(scene)),
@@ -243,7 +253,7 @@ mod tests {
         [[case]]
         name = "sky"
         baseline = "a/sky.png"
-        limits = { relmse = 0.0, step = 1 }
+        limits = { relmse = 0.0, step = 1, seconds = 1.5 }
     "##;
 
     #[test]
@@ -257,7 +267,7 @@ mod tests {
         assert_eq!(first.limits, Limits { flip: 0.5, ..Limits::default() });
         assert_eq!(second.baseline, Path::new("scenes/check/baselines/a/sky.png"));
         assert_eq!(second.flags, ["--no-cache", "--width=48"]);
-        assert_eq!(second.limits, Limits { relmse: 0.0, flip: 0.5, step: 1, ..Limits::default() });
+        assert_eq!(second.limits, Limits { relmse: 0.0, flip: 0.5, step: 1, seconds: 1.5, ..Limits::default() });
     }
 
     #[test]
@@ -272,6 +282,8 @@ mod tests {
             ("[[case]]\nname = \"a\"\nrender = { crop = [[1]] }", "case a: render.crop is no list"),
             ("[[case]]\nname = \"a\"\nlimits = { flip = 2.0 }", "case a: limits are 0 or more"),
             ("[[case]]\nname = \"a\"\nlimits = { relmse = nan }", "case a: limits are 0 or more"),
+            ("[[case]]\nname = \"a\"\nlimits = { seconds = 0.0 }", "case a: the limit seconds is more than 0"),
+            ("[[case]]\nname = \"a\"\nlimits = { seconds = inf }", "case a: the limit seconds is more than 0"),
         ] {
             let error = Cases::parse(text, Path::new("CASES.toml")).unwrap_err().to_string();
             assert!(error.contains(expected), "{text:?}: {error}");

@@ -49,7 +49,7 @@ impl Comparison {
 
     /// What is above its limit, each as a sentence.
     pub fn exceeded(&self, limits: &Limits) -> Vec<String> {
-        let Limits { relmse, flip, changed, step } = *limits;
+        let Limits { relmse, flip, changed, step, .. } = *limits;
         let mut exceeded = Vec::new();
         if self.relmse > relmse {
             exceeded.push(format!("relMSE is {:.3e}, above {relmse:e}", self.relmse));
@@ -129,7 +129,7 @@ mod tests {
         assert_eq!((pixel.different, pixel.changed), (1, 1.0 / 64.0));
         let exceeded = pixel.exceeded(&limits).join("; ");
         assert!(exceeded.contains("relMSE is") && exceeded.contains("1.56 % of the pixels changed"), "{exceeded}");
-        let wide = Limits { relmse: 1.0, flip: 1.0, changed: 1.0, step: 0 };
+        let wide = Limits { relmse: 1.0, flip: 1.0, changed: 1.0, step: 0, ..Limits::default() };
         assert!(pixel.exceeded(&wide).is_empty());
         assert_eq!(pixel.map.len(), 64 * 3);
     }

@@ -35,6 +35,10 @@ pub(crate) struct Surroundings {
     pub scale: f64,
     /// The material's index of refraction, or 0.
     pub ior: f32,
+    /// Index of refraction of the volume around the surface; 1 for air.
+    pub outside: f32,
+    /// What that volume absorbs by normalised length.
+    pub absorption: [f32; 3],
 }
 
 /// How kernels find a lobe: the names of constants of `package::lib::constants`, and their values.

@@ -6,6 +6,12 @@ pub use anisotropy::Anisotropy;
 mod clearcoat;
 pub use clearcoat::Clearcoat;
 
+mod diffuse_transmission;
+pub use diffuse_transmission::DiffuseTransmission;
+
+mod dispersion;
+pub use dispersion::Dispersion;
+
 mod iridescence;
 pub use iridescence::Iridescence;
 

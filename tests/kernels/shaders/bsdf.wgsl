@@ -14,7 +14,7 @@ override seed: u32;
 override stratified: u32;
 
 // Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal, coat normal's x;
-// view, coat normal's z; tint and eta; coat, alpha along the tangent +x; sheen; film.
+// view, coat normal's z; tint and eta; coat, alpha along the tangent +x; sheen; film; tint of diffuse transmission.
 @group(0) @binding(0) var<storage, read> surface: array<vec4f>;
 @group(0) @binding(1) var<storage, read> directions: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> results: array<vec4f>;
@@ -39,6 +39,7 @@ fn tested_surface() -> Surface {
         s.transmission.tint = surface[5].xyz;
         s.transmission.eta = surface[5].w;
     }
+    @if(diffuse_transmission) { s.diffuse_transmission.tint = surface[9].xyz; }
     @if(clearcoat) { s.clearcoat.factor = surface[6].x; s.clearcoat.alpha = surface[6].y; }
     @if(coat_normals) { s.clearcoat.normal = vec3f(surface[3].w, 0.0, surface[4].w); }
     @if(sheen) { s.sheen.colour = surface[7].xyz; s.sheen.roughness = surface[7].w; }
@@ -85,7 +86,7 @@ fn sampled(
     let s = bsdf_sample(tested_surface(), sobol4(i, select(seed + i, seed, stratified == 1u)).xyz);
     results[2u * i] = vec4f(s.direction, s.pdf);
     var flux = s.weight.x;
-    @if(transmission) { flux /= max(s.concentration, 1e-20); }
+    @if(transmission) { flux /= max(s.concentration.x, 1e-20); }
     results[2u * i + 1u] = vec4f(s.weight, flux);
 }
 

@@ -34,5 +34,5 @@ fn look_up(
     if i >= count { return; }
     let word = bitcast<u32>(rays[2u * i].w);
     let fine = fine_class(word >> 16u, rays[2u * i].xyz, rays[2u * i + 1u].xyz);
-    found[i] = fine.class_ | (fine.place << 3u);
+    found[i] = fine.class_ | (fine.nearness << 3u);
 }

@@ -17,12 +17,12 @@ pub struct Volume {
 }
 
 /// Indices of refraction nearer to 1 bend light by less than its half vector, a difference, has digits for.
-const MIN_BENDING: f32 = 1e-3;
+pub(super) const MIN_BENDING: f32 = 1e-3;
 
 impl Volume {
     /// Absorption by normalised length: over the attenuation distance, light becomes the attenuation colour (Beer and
     /// Lambert).
-    fn absorption(&self, scale: f64) -> [f32; 3] {
+    pub(in crate::scene::material) fn absorption(&self, scale: f64) -> [f32; 3] {
         let distance = f64::from(self.attenuation_distance) * scale;
         // What nothing passes still has a logarithm: e^-80 is less than any radiance that shows.
         self.attenuation_colour.to_array().map(|c| (-f64::from(c).ln().max(-80.0) / distance) as f32)
@@ -66,13 +66,16 @@ impl Lobe for Option<Volume> {
         self
     }
 
-    /// Absorption, and the index of refraction by which light that passes is bent: 1 for a thin wall.
+    /// Absorption, and the index of refraction by which light that passes is bent, relative to that around: 1 for a
+    /// thin wall.
     fn texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]> {
-        let ior = surroundings.ior;
+        let ior = surroundings.ior / surroundings.outside;
         let bends = self.is_some() && (ior - 1.0).abs() >= MIN_BENDING;
         // An index of 0 stands for an infinite one, which reflects all.
         let refraction = if bends && ior > 0.0 { ior } else { 1.0 };
-        let [red, green, blue] = self.map_or([0.0; 3], |volume| volume.absorption(surroundings.scale));
+        // What has no volume of its own has the same around it on both sides.
+        let own = self.map(|volume| volume.absorption(surroundings.scale));
+        let [red, green, blue] = own.unwrap_or(surroundings.absorption);
         vec![[red, green, blue, refraction]]
     }
 }

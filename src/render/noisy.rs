@@ -1,0 +1,101 @@
+//! Sums of samples without noise: what denoisers take from them, and the channels of what they give, whether the
+//! samples are those of a render or of merged pieces.
+
+use glam::DVec4;
+use kernel_kit::Gpu;
+
+use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
+use super::picture::{Quantity, Sums, colour_of, means};
+use super::tiles::first_half;
+use crate::passes::film::{Sum, variance_of_mean};
+use crate::settings::Background;
+use crate::{Image, Result};
+
+/// Adds what denoisers make of sums of samples to their image.
+pub(super) fn add_denoised(
+    image: &mut Image,
+    denoiser: &Denoiser,
+    gpu: &Gpu,
+    sums: &dyn Sums,
+    size: [u32; 2],
+    background: Background,
+) -> Result<()> {
+    let Some(denoised) = denoiser.denoise(gpu, &noisy(sums, size)?)? else { return Ok(()) };
+    let mut colours = denoised.colour;
+    if let Some(background) = colour_of(background) {
+        let means = means(sums, Quantity::Direct)?.unwrap_or_default();
+        for (colour, mean) in colours.iter_mut().zip(&means) {
+            let behind = background * (1.0 - mean.w);
+            *colour = [0, 1, 2].map(|c| colour[c] + behind[c] as f32);
+        }
+    }
+    for (c, name) in ["denoised.R", "denoised.G", "denoised.B"].into_iter().enumerate() {
+        image.add_channel(name, colours.iter().map(|colour| colour[c]).collect());
+    }
+    if let Some(error) = denoised.error {
+        image.add_channel("error", error);
+    }
+    Ok(())
+}
+
+/// What denoisers take of an image of `size`.
+pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
+    let guide = |quantity: Quantity| -> Result<Vec<Colour>> {
+        Ok(means(sums, quantity)?.unwrap_or_default().iter().map(colour).collect())
+    };
+    let mut albedo = guide(Quantity::GuideAlbedo)?;
+    albedo.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
+    let normal = guide(Quantity::GuideNormal)?;
+    // Without what passes by: w is the share of samples that met a surface.
+    let met = |p: &DVec4| if p.w > 0.0 { colour(&(*p / p.w)) } else { [0.0; 3] };
+    let position = means(sums, Quantity::GuidePosition)?.unwrap_or_default().iter().map(met).collect();
+
+    let samples = |pixel: usize| sums.samples_of(pixel);
+    let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
+    let parts = [(Quantity::Direct, Quantity::DirectSquares), (Quantity::Indirect, Quantity::IndirectSquares)];
+    for (part, squares) in parts {
+        let Some(whole) = sums.sums(part)? else { continue };
+        let squares = sums.sums(squares)?;
+        if let Some(first) = sums.first_halves(part)? {
+            // A pixel without samples of a half tells nothing of the error: it counts as exact.
+            let mean = |part: Sum, whole: &Sum| if part.kept > 0.0 { part.mean() } else { whole.mean() };
+            let both = first.iter().zip(&whole);
+            let second = both.clone().map(|(part, whole)| colour(&mean(whole.without(part), whole)));
+            halves[1].push(second.collect());
+            halves[0].push(both.map(|(part, whole)| colour(&mean(*part, whole))).collect());
+        }
+        let variance = |(squares, sum): (&Sum, &Sum)| colour(&variance_of_mean(sum.mean(), squares.mean(), sum.kept));
+        let variance = squares.map(|squares| squares.iter().zip(&whole).map(variance).collect());
+        let mean = whole.iter().map(|sum| colour(&sum.mean())).collect();
+        all.push(Part { mean, variance: variance.unwrap_or_else(|| vec![[0.0; 3]; whole.len()]) });
+    }
+    let [width, height] = size.map(|side| side as usize);
+    // Filters take one number: with adaptive sampling that of the pixels which know least.
+    let fewest = (0..width * height).map(samples).min().unwrap_or(0);
+    let in_half = if fewest > 1 { first_half(fewest) } else { fewest };
+    let half_samples = [in_half, fewest - in_half];
+    let factor = |of: usize, pixel: usize| {
+        let first = f64::from(first_half(samples(pixel))) / f64::from(samples(pixel));
+        (1.0 / if of == 0 { first } else { 1.0 - first }) as f32
+    };
+    let half =
+        |of: usize, means: Vec<Vec<Colour>>| Light { parts: half_parts(means, &all, &|pixel| factor(of, pixel)) };
+    let [first, second] = halves;
+    let halves = (!first.is_empty()).then(|| [half(0, first), half(1, second)]);
+    let guides = Guides { albedo, normal, position };
+    Ok(Noisy { size, all: Light { parts: all }, halves, half_samples, guides })
+}
+
+/// The parts of one half of the samples. The variances of their means are those of all samples times `factor`.
+fn half_parts(means: Vec<Vec<Colour>>, all: &[Part], factor: &dyn Fn(usize) -> f32) -> Vec<Part> {
+    let variance = |(pixel, variance): (usize, &Colour)| variance.map(|x| x * factor(pixel));
+    let part = |(mean, all): (Vec<Colour>, &Part)| Part {
+        mean,
+        variance: all.variance.iter().enumerate().map(variance).collect(),
+    };
+    means.into_iter().zip(all).map(part).collect()
+}
+
+fn colour(value: &DVec4) -> Colour {
+    value.truncate().as_vec3().to_array()
+}

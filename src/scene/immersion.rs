@@ -1,0 +1,120 @@
+//! Volumes within volumes: which surfaces lie in the volume (KHR_materials_volume) of another object.
+//!
+//! glTF has no word for it, so geometry decides: a primitive lies in the smallest closed volume that encloses it. Light
+//! is then refracted from that volume into its own, and absorbed on the way to it. Kernels need no stack of volumes:
+//! a ray may begin anywhere. What is only partly inside counts as outside, and so do copies of meshes that are stored
+//! once, and lamps, whose light kernels do not absorb on its way to the surfaces that sample it.
+
+use std::collections::HashMap;
+use std::ops::Range;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::geometry::{Geometry, Parts};
+use super::material::{Material, Medium};
+use super::notes::Notes;
+use super::triangle::Triangle;
+
+/// Maximum number of triangles that are tested for crossings: some seconds.
+const MAX_TESTS: usize = 2_000_000_000;
+
+/// Directions of the rays that count crossings, which are along no edges of usual models. The majority decides, so that
+/// a ray through an edge does no harm.
+const DIRECTIONS: [DVec3; 3] =
+    [DVec3::new(0.8372, 0.3391, 0.4291), DVec3::new(-0.2713, 0.9137, 0.3027), DVec3::new(0.1549, -0.4213, 0.8936)];
+
+/// Number of points of a primitive that are tested; the majority decides, because some may lie on the volume's surface.
+const POINTS: usize = 3;
+
+/// A primitive, placed.
+struct Part {
+    triangles: Range<usize>,
+    material: u32,
+    bounds: [DVec3; 2],
+}
+
+/// Gives the primitives that lie in volumes copies of their materials that know it.
+pub(super) fn immerse(geometry: &mut Geometry, materials: &mut Vec<Material>, notes: &mut Notes) {
+    let is_vessel = |m: &Material| m.volume.is_some() && !m.unlit && m.has_transmitting_lobe();
+    if !materials.iter().any(is_vessel) {
+        return;
+    }
+    let Parts { world, triangles, ranges } = geometry.parts();
+    let parts: Vec<Part> = ranges.par_iter().filter_map(|range| Part::new(range, world, triangles)).collect();
+    let mut vessels: Vec<&Part> = parts.iter().filter(|part| is_vessel(&materials[part.material as usize])).collect();
+    vessels.sort_by(|a, b| a.size().total_cmp(&b.size()));
+    let candidates = |part: &Part| -> Vec<&Part> {
+        let lamp = materials[part.material as usize].emissive != Vec3::ZERO;
+        vessels.iter().filter(|vessel| !lamp && vessel.may_enclose(part)).copied().collect()
+    };
+    let pairs: Vec<(&Part, Vec<&Part>)> = parts.par_iter().map(|part| (part, candidates(part))).collect();
+    let tests = |part: &Part| part.triangles.len().saturating_mul(POINTS * DIRECTIONS.len());
+    if pairs.iter().flat_map(|(_, vessels)| vessels).map(|vessel| tests(vessel)).fold(0, usize::saturating_add)
+        > MAX_TESTS
+    {
+        notes.push("too many objects may lie in volumes of others: all of them count as lying in air");
+        return;
+    }
+    let around = |(part, vessels): &(&Part, Vec<&Part>)| {
+        let vessel = vessels.iter().find(|vessel| vessel.encloses(part, world, triangles))?;
+        Some((part.triangles.clone(), part.material, vessel.material))
+    };
+    let immersed: Vec<(Range<usize>, u32, u32)> = pairs.par_iter().filter_map(around).collect();
+    let mut copies = HashMap::new();
+    for (range, material, vessel) in immersed {
+        let copy = *copies.entry((material, vessel)).or_insert_with(|| {
+            let Material { ior, volume, .. } = materials[vessel as usize];
+            let medium = volume.map(|volume| Medium { ior: if ior > 0.0 { ior } else { 1.0 }, volume });
+            materials.push(Material { medium, ..materials[material as usize].clone() });
+            materials.len() as u32 - 1
+        });
+        triangles[range].iter_mut().for_each(|triangle| triangle.material = copy);
+    }
+}
+
+impl Part {
+    fn new(range: &Range<usize>, world: &[DVec3], triangles: &[Triangle]) -> Option<Part> {
+        let corners = || triangles[range.clone()].iter().flat_map(|t| t.vertices).map(|v| world[v as usize]);
+        let bounds = [corners().reduce(DVec3::min)?, corners().reduce(DVec3::max)?];
+        Some(Part { triangles: range.clone(), material: triangles[range.start].material, bounds })
+    }
+
+    /// Diagonal of its bounding box.
+    fn size(&self) -> f64 {
+        (self.bounds[1] - self.bounds[0]).length()
+    }
+
+    /// Whether the other's bounding box is within its own, which is larger.
+    fn may_enclose(&self, other: &Part) -> bool {
+        let within = self.bounds[0].cmple(other.bounds[0]).all() && self.bounds[1].cmpge(other.bounds[1]).all();
+        within && self.bounds != other.bounds
+    }
+
+    fn encloses(&self, other: &Part, world: &[DVec3], triangles: &[Triangle]) -> bool {
+        let count = other.triangles.len();
+        let middle = |i: usize| {
+            let corners = triangles[other.triangles.start + i].vertices.map(|v| world[v as usize]);
+            (corners[0] + corners[1] + corners[2]) / 3.0
+        };
+        let inside = |point: DVec3| {
+            let rays = DIRECTIONS.iter().filter(|direction| {
+                let crosses = |t: &&Triangle| crosses(point, **direction, t.vertices.map(|v| world[v as usize]));
+                triangles[self.triangles.clone()].iter().filter(crosses).count() % 2 == 1
+            });
+            2 * rays.count() > DIRECTIONS.len()
+        };
+        let points = (0..POINTS).filter(|i| inside(middle(i * (count - 1) / (POINTS - 1))));
+        2 * points.count() > POINTS
+    }
+}
+
+/// Whether the ray crosses the triangle (Moller and Trumbore 1997).
+fn crosses(origin: DVec3, direction: DVec3, [a, b, c]: [DVec3; 3]) -> bool {
+    let (e1, e2, from) = (b - a, c - a, origin - a);
+    let (p, q) = (direction.cross(e2), from.cross(e1));
+    let determinant = e1.dot(p);
+    let [u, v, t] = [from.dot(p), direction.dot(q), e2.dot(q)].map(|x| x / determinant);
+    // With a determinant of 0 they are not finite, or NaN, and the comparisons fail.
+    u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0
+}
