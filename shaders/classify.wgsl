@@ -336,6 +336,8 @@ fn dilate(
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if i >= atomicLoad(&queue_lengths[QUEUE_UNDILATED]) { return; }
     let candidate = queues[queue_item(QUEUE_BOUNDARY, i)];
+    // No neighbour is decided: the environment has no photons.
+    @if((visibility_map || fine_cells) && environment) { if is_environment(light_of(candidate)) { return; } }
     let pixel = point_of(candidate);
     let point = load_point(pixel);
     let first = candidate - pixel;

@@ -123,7 +123,7 @@ fn difference(a: &Image, b: &Image) -> f64 {
 }
 
 /// With instances the camera sees surfaces within 1e-5 of where they are without, and images differ by far less than
-/// their noise, with every technique that traces instances.
+/// their noise. `shadow-photons` has the kernels of `two-pass` too.
 #[test]
 fn instances_give_the_image_of_copies() {
     let file = balls(6, 10);
@@ -143,7 +143,7 @@ fn instances_give_the_image_of_copies() {
     // Silhouettes and edges of holes, which rounding moves.
     assert!(moved <= 12, "{moved} of {} coordinates differ", 3 * 96 * 64);
 
-    for technique in [Technique::PATH, Technique::SHADOW_PHOTONS, Technique::PHOTON_MAP] {
+    for technique in [Technique::SHADOW_PHOTONS, Technique::PHOTON_MAP] {
         let reference = render(&copied, technique, 8, 1).0;
         let (instanced, statistics) = render(&shared, technique, 8, 1);
         let noise = difference(&render(&copied, technique, 8, 2).0, &reference);
