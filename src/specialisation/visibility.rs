@@ -16,18 +16,24 @@ const NO_PHOTONS: &str = "nearly every point sees a part of it, so photons would
 /// it: 1.1 to 1.6 with 4 million for the whole image.
 const SHADOW_RAYS_OF_MAP: f64 = 2_097_152.0;
 
+/// The same beside an environment, whose rays stay, and whose light points are to be shaded at every point: with 3
+/// million shadow rays to a light of `scenes/still_life.glb` the time over that of `two-pass` was 1.24, with 12 million
+/// 0.97.
+const SHADOW_RAYS_OF_MAP_UNDER_SKY: f64 = 2.0 * SHADOW_RAYS_OF_MAP;
+
 /// Whether photons and cells save more time than they take, or are requested.
 pub(crate) fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
     if settings.visibility_map.photons_per_light.is_some() || settings.shows_photons() {
         return true;
     }
     let rays = settings.shadow_rays_to_a_light() as f64;
-    if rays < SHADOW_RAYS_OF_MAP {
+    let enough = if scene.environment().is_some() { SHADOW_RAYS_OF_MAP_UNDER_SKY } else { SHADOW_RAYS_OF_MAP };
+    if rays < enough {
         return false;
     }
     let aspect = settings.image.width as f32 / settings.image.height as f32;
     let covered = camera.map_or(1.0, |camera| scene.covered_share(camera, aspect));
-    covered * rays >= SHADOW_RAYS_OF_MAP
+    covered * rays >= enough
 }
 
 impl Specialisation {
