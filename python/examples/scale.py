@@ -1,7 +1,8 @@
 """What pieces of an image cost on this machine, and how many workers are worth it: the figures of docs/scale.md.
 
-    python python/examples/scale.py measure scenes/box.glb --width 256 --height 192    # costs, as JSON
-    python python/examples/scale.py simulate costs.json --spp 4096                     # efficiency by workers
+    python python/examples/scale.py measure scenes/box.glb --width 256 --height 192 --spp 4096    # costs, as JSON
+    python python/examples/scale.py workers scenes/box.glb --width 256 --height 192    # with 1 and 2 workers of Ray
+    python python/examples/scale.py simulate costs.json --spp 4096    # efficiency by workers
 """
 
 import argparse
@@ -9,6 +10,7 @@ import json
 import os
 import pathlib
 import tempfile
+import time
 from dataclasses import asdict, dataclass
 
 import penumbra
@@ -20,8 +22,10 @@ class Costs:
 
     # Once for each process: the import of the scene, the device, and its kernels.
     start: float
-    # For each piece: hierarchy, photons, irradiance records.
-    set_up: float
+    # For each piece with all samples of a tile: hierarchy, photons and irradiance records, of all stages.
+    tile_set_up: float
+    # For each range of samples after the first: those of the last stage.
+    range_set_up: float
     # For each sample of all pixels.
     sample: float
     # Of the scene, and of a piece's file.
@@ -37,25 +41,32 @@ def processor() -> float:
     return times.user + times.system
 
 
-def measure(path: pathlib.Path, samples: list[int], device: str, settings: dict) -> Costs:
+# Photons and irradiance records of a piece no longer grow from this sample on.
+LAST_STAGE = 128
+
+
+def measure(path: pathlib.Path, spp: int, device: str, settings: dict) -> Costs:
     """The costs: a first render in this process, then renders of few and of many samples, and merges."""
+    if spp < 3 * LAST_STAGE:
+        raise SystemExit(f"--spp {spp}: at least {3 * LAST_STAGE}, so that pieces reach their last stage")
     before = processor()
     scene = penumbra.Scene.load(path)
-    # A piece as all others, since kernels depend on the settings.
-    spp = 4 * samples[1]
-    scene.render(**settings, spp=spp, samples=(0, 1), device=device)
-    first = processor() - before
-    seconds = []
+
+    def seconds(first: int, last: int) -> float:
+        before = processor()
+        scene.render(**settings, spp=spp, samples=(first, last), device=device)
+        return processor() - before
+
+    # Compiles the kernels.
+    first = processor() - before + seconds(spp - 1, spp)
+    single = seconds(spp - 1, spp)
+    few, many = seconds(0, 3 * LAST_STAGE // 2), seconds(0, 3 * LAST_STAGE)
+    sample = (many - few) / (3 * LAST_STAGE // 2)
+    files = []
     with tempfile.TemporaryDirectory() as folder:
-        files = []
-        for count in samples:
-            before = processor()
-            result = scene.render(**settings, spp=spp, samples=(0, count), device=device)
-            seconds.append(processor() - before)
         for index in range(4):
             files.append(pathlib.Path(folder) / f"{index}.exr")
-            part = (index * samples[1], (index + 1) * samples[1])
-            result = scene.render(**settings, spp=spp, samples=part, device=device)
+            result = scene.render(**settings, spp=spp, samples=(16 * index, 16 * index + 16), device=device)
             result.save(files[-1])
         merges = []
         for count in (1, 4):
@@ -66,11 +77,10 @@ def measure(path: pathlib.Path, samples: list[int], device: str, settings: dict)
         result.save(pathlib.Path(folder) / "image.exr")
         write = processor() - before
         piece_bytes = max(file.stat().st_size for file in files)
-    sample = (seconds[1] - seconds[0]) / (samples[1] - samples[0])
-    set_up = max(seconds[0] - samples[0] * sample, 0.0)
     return Costs(
-        start=max(first - set_up - sample, 0.0),
-        set_up=set_up,
+        start=max(first - single, 0.0),
+        tile_set_up=max(few - 3 * LAST_STAGE // 2 * sample, 0.0),
+        range_set_up=max(single - sample, 0.0),
         sample=sample,
         scene_bytes=path.stat().st_size,
         piece_bytes=piece_bytes,
@@ -79,20 +89,47 @@ def measure(path: pathlib.Path, samples: list[int], device: str, settings: dict)
     )
 
 
+def on_cluster(path: pathlib.Path, workers: int, tiles: tuple[int, int], spp: int, frames: int, settings: dict) -> list:
+    """Seconds by the clock on a Ray cluster of workers with one core each: of an image in one piece (the smallest
+    possible time of one worker), of one in tiles, and of frames of an animation. All workers have
+    compiled their kernels before."""
+    import penumbra.ray
+    import ray
+
+    ray.init(num_cpus=workers, include_dashboard=False, log_to_driver=False)
+    with tempfile.TemporaryDirectory() as folder:
+        output = pathlib.Path(folder) / "{frame}.exr"
+
+        def seconds(columns: int, rows: int, count: int) -> float:
+            numbers = range(count) if count > 0 else None
+            before = time.perf_counter()
+            penumbra.ray.render(path, output, spp=spp, tiles=(columns, rows), frames=numbers, **settings)
+            return time.perf_counter() - before
+
+        seconds(2, workers, 0)
+        times = [seconds(1, 1, 0), seconds(*tiles, 0)]
+        if frames > 0:
+            seconds(1, 1, 4)
+            times.append(seconds(1, 1, frames))
+    ray.shutdown()
+    return times
+
+
 def simulate(costs: Costs, spp: int, workers: int, bandwidth: float, cores: float, tiles: bool) -> float:
     """Seconds until the image is there. Each worker has a piece: a range of the samples, or with `tiles` all samples of
     some of the pixels. Workers fetch the scene from one machine, which also merges, one piece after the other.
     `bandwidth` is that machine's, in bytes a second; `cores` divides the work of renders, not of merges."""
     begin = workers * costs.scene_bytes / bandwidth + costs.start / cores
-    end = begin + (costs.set_up + spp * costs.sample / workers) / cores
+    set_up = costs.tile_set_up if tiles or workers == 1 else costs.range_set_up
+    end = begin + (set_up + spp * costs.sample / workers) / cores
     merge = costs.piece_bytes / bandwidth + costs.merge_piece
     return end + (merge if tiles else workers * merge) + costs.merge_image
 
 
 def table(costs: Costs, spp: int, bandwidth: float, cores: float) -> None:
     """Efficiency: the time of one worker with one piece, over workers times their time."""
-    alone = (costs.start + costs.set_up + spp * costs.sample) / cores
-    frame = (costs.set_up + spp * costs.sample) / cores
+    alone = (costs.start + costs.tile_set_up + spp * costs.sample) / cores
+    frame = (costs.tile_set_up + spp * costs.sample) / cores
     print("| workers | ranges of samples: time, s | efficiency | tiles: time, s | efficiency | 10,000 frames |")
     print("| ---: | ---: | ---: | ---: | ---: | ---: |")
     for workers in (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1000):
@@ -113,9 +150,17 @@ def main() -> None:
     measured.add_argument("scene", type=pathlib.Path)
     measured.add_argument("--width", type=int, required=True)
     measured.add_argument("--height", type=int, required=True)
-    measured.add_argument("--samples", type=int, nargs=2, default=[2, 16])
+    measured.add_argument("--spp", type=int, required=True)
     measured.add_argument("--technique", default="shadow-photons")
     measured.add_argument("--device", default="best")
+    spread = commands.add_parser("workers")
+    spread.add_argument("scene", type=pathlib.Path)
+    spread.add_argument("--width", type=int, required=True)
+    spread.add_argument("--height", type=int, required=True)
+    spread.add_argument("--spp", type=int, default=64)
+    spread.add_argument("--tiles", type=int, nargs=2, default=[2, 2])
+    spread.add_argument("--frames", type=int, default=0, help="of an animated scene")
+    spread.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     simulated = commands.add_parser("simulate")
     simulated.add_argument("costs", type=pathlib.Path)
     simulated.add_argument("--spp", type=int, required=True)
@@ -125,10 +170,23 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.command == "measure":
         settings = {"width": arguments.width, "height": arguments.height, "technique": arguments.technique}
-        print(json.dumps(asdict(measure(arguments.scene, arguments.samples, arguments.device, settings)), indent=1))
+        costs = measure(arguments.scene, arguments.spp, arguments.device, settings)
+        print(json.dumps(asdict(costs), indent=1))
+    elif arguments.command == "workers":
+        # Workers of one core each: lavapipe would use all cores for each of them.
+        os.environ["LP_NUM_THREADS"] = "1"
+        settings = {"width": arguments.width, "height": arguments.height}
+        frames = " frames, s |" if arguments.frames > 0 else ""
+        print(f"| workers | one piece, s | tiles, s |{frames}")
+        print("| ---: | ---: | ---: |" + (" ---: |" if frames else ""))
+        for workers in arguments.workers:
+            times = on_cluster(
+                arguments.scene, workers, tuple(arguments.tiles), arguments.spp, arguments.frames, settings
+            )
+            print(f"| {workers} | {' | '.join(f'{seconds:.2f}' for seconds in times)} |", flush=True)
     else:
         costs = Costs(**json.loads(arguments.costs.read_text()))
-        for name in ("set_up", "sample", "piece_bytes", "merge_piece", "merge_image"):
+        for name in ("tile_set_up", "range_set_up", "sample", "piece_bytes", "merge_piece", "merge_image"):
             setattr(costs, name, arguments.larger * getattr(costs, name))
         table(costs, arguments.spp, arguments.bandwidth, arguments.cores)
 

@@ -111,7 +111,8 @@ def render(
     todo = (Piece(number, samples, crop) for number in numbers for samples, crop in cuts)
     digits = max(_DIGITS, *(len(str(number)) for number in numbers))
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
-        kept = {name: settings[name] for name in ("denoise", "oidn_library", "device") if name in settings}
+        merging = ("denoise", "oidn_library", "device")
+        kept: dict[str, Any] = {name: settings[name] for name in merging if name in settings}
         assembly = _Assembly(output, digits, len(cuts), cuts == [(None, None)], pathlib.Path(folder), kept)
         done: list[Rendered] = []
         pending: dict[ray.ObjectRef[Any], Piece] = {}

@@ -50,6 +50,14 @@ def test_statistics_are_a_dict(box, device):
     assert isinstance(statistics["notes"], list)
 
 
+def test_pass_times_are_those_of_one_render(box, device):
+    photons = box.render(**QUICK, technique="shadow-photons", photons=4096, device=device)
+    rays = box.render(**QUICK, technique="two-pass", device=device)
+    assert "photons/photons" in photons.statistics["time"]["passes"]
+    assert "shadow/shadow" in rays.statistics["time"]["passes"]
+    assert "photons/photons" not in rays.statistics["time"]["passes"]
+
+
 def test_bits_are_those_of_a_second_render_and_of_a_saved_file(box, device, tmp_path):
     first = box.render(**QUICK, aovs=["Z", "N"], device=device)
     again = box.render(**QUICK, aovs=["Z", "N"], device=device)

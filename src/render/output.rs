@@ -31,7 +31,24 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`Gpu::pass_times`].
     pub fn statistics(&self) -> Result<Statistics> {
-        Ok(statistics(self, self.gpu.pass_times()?))
+        Ok(statistics(self, self.pass_times()?))
+    }
+
+    /// Seconds that this render spent on the device so far, by label of pass.
+    ///
+    /// # Errors
+    /// As [`Gpu::pass_times`].
+    pub(crate) fn pass_times(&self) -> Result<BTreeMap<String, f64>> {
+        Ok(self.without_earlier_renders(self.gpu.pass_times()?))
+    }
+
+    /// Of the pass times of the device, those of this render.
+    pub(super) fn without_earlier_renders(&self, mut passes: BTreeMap<String, f64>) -> BTreeMap<String, f64> {
+        passes.retain(|name, seconds| {
+            *seconds -= self.earlier_pass_times.get(name).unwrap_or(&0.0);
+            *seconds > 0.0
+        });
+        passes
     }
 }
 

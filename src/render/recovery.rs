@@ -131,7 +131,7 @@ impl Renderer<'_> {
         self.blocks.clone_from(&kept.header.blocks);
         self.totals = kept.header.totals.clone();
         let image = output::image(self, Some(&kept)).ok()?;
-        let statistics = output::statistics(self, self.gpu.known_pass_times());
+        let statistics = output::statistics(self, self.without_earlier_renders(self.gpu.known_pass_times()));
         Some(Box::new(Salvage { image, statistics, checkpoint: kept.signed(self.fingerprint()) }))
     }
 }

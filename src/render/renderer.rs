@@ -1,5 +1,6 @@
 //! [`Renderer`]: a render in progress, and its preparation.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use kernel_kit::Gpu;
@@ -67,6 +68,8 @@ pub struct Renderer<'g> {
     /// Calls of [`Renderer::render_batch`] so far.
     pub(super) batches: u32,
     pub(super) totals: Totals,
+    /// [`Gpu::pass_times`] before the render: those of earlier renders on this device.
+    pub(super) earlier_pass_times: BTreeMap<String, f64>,
     /// The sums of a piece; none of other renders, whose film has the sums.
     pub(super) piece_sums: Option<PieceSums>,
     /// The state that is kept in case the device is lost; none if the caller does not want it.
@@ -82,6 +85,7 @@ impl<'g> Renderer<'g> {
     /// those of [`Gpu::check`].
     pub fn new(gpu: &'g Gpu, mut scene: Scene, camera: &Camera, settings: &Settings) -> Result<Renderer<'g>> {
         settings.check()?;
+        let earlier_pass_times = gpu.pass_times()?;
         let mut totals = Totals::default();
         scene.scale_lights(settings.light_scale);
         if !Specialisation::traces_instances(settings) {
@@ -133,6 +137,7 @@ impl<'g> Renderer<'g> {
             piece_sums,
             batches: 0,
             totals,
+            earlier_pass_times,
             keeping: None,
         })
     }

@@ -170,7 +170,6 @@ impl Run {
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Run>> {
         let settings = starter.settings(subject, seed);
-        let passes_before = subject.gpu.pass_times()?;
         let mut timed = TimedRender::start(subject, &settings)?;
         let mut snapshots: Vec<Snapshot> = Vec::new();
         let mut noisy = None;
@@ -192,7 +191,8 @@ impl Run {
         }
         let TimedRender { renderer, setup, time, sampled, first, passes, .. } = timed;
         let mut statistics = renderer.statistics()?;
-        statistics.time.passes = difference(&passes, &passes_before);
+        statistics.time.passes = passes;
+        statistics.time.passes.retain(|name, _| !name.starts_with(DENOISER_PASSES));
         let left_out = || renderer.specialisation().left_out.iter().find(|item| item.feature == Feature::VisibilityMap);
         let uses_map = starter.technique.uses_visibility_map();
         let map_left_out = uses_map.then(left_out).flatten().map(|item| item.reason.clone());
@@ -219,7 +219,6 @@ impl Run {
 
 /// A render with its clock, which stops while a snapshot is taken.
 struct TimedRender<'a> {
-    gpu: &'a Gpu,
     renderer: Renderer<'a>,
     /// Seconds until the first sample.
     setup: f64,
@@ -243,9 +242,9 @@ impl<'a> TimedRender<'a> {
         let start = Instant::now();
         let renderer = Renderer::new(gpu, scene, subject.camera, settings)?;
         let setup = start.elapsed().as_secs_f64();
-        let passes = gpu.pass_times()?;
+        let passes = renderer.pass_times()?;
         let (time, sampled) = (setup, setup);
-        Ok(TimedRender { gpu, renderer, setup, time, sampled, first: None, passes, seconds_per_sample: None })
+        Ok(TimedRender { renderer, setup, time, sampled, first: None, passes, seconds_per_sample: None })
     }
 
     /// Takes the samples expected to end within `budget`, in seconds since the start. False once `stop` returns true.
@@ -269,7 +268,7 @@ impl<'a> TimedRender<'a> {
             self.sampled = self.time;
             self.first.get_or_insert(self.sampled);
             self.seconds_per_sample = Some(took / f64::from(self.renderer.samples() - before));
-            self.passes = self.gpu.pass_times()?;
+            self.passes = self.renderer.pass_times()?;
         }
     }
 
@@ -303,10 +302,3 @@ pub(super) fn colour(mut image: Image) -> Image {
 
 /// The kernel of the statistical denoiser. The images of all budgets run it, and the last one alone counts.
 const DENOISER_PASSES: &str = "denoise/";
-
-/// Seconds by pass between two readings, without denoisers: the device accumulates pass times over all renders.
-fn difference(after: &BTreeMap<String, f64>, before: &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
-    let spent = |name: &String, seconds: f64| seconds - before.get(name).unwrap_or(&0.0);
-    let passes = after.iter().map(|(name, seconds)| (name.clone(), spent(name, *seconds)));
-    passes.filter(|(name, seconds)| *seconds > 0.0 && !name.starts_with(DENOISER_PASSES)).collect()
-}
