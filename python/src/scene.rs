@@ -176,7 +176,8 @@ impl Scene {
 
     fn __repr__(&self) -> String {
         let (triangles, lights) = (self.scene.triangles.len(), self.scene.lights.len());
-        format!("<penumbra.Scene {:?}: {triangles} triangles, {lights} lights>", self.file.path.display().to_string())
+        let noun = if lights == 1 { "light" } else { "lights" };
+        format!("<penumbra.Scene {:?}: {triangles} triangles, {lights} {noun}>", self.file.path.display().to_string())
     }
 }
 
