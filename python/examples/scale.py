@@ -41,27 +41,28 @@ def processor() -> float:
     return times.user + times.system
 
 
-# Photons and irradiance records of a piece no longer grow from this sample on.
-LAST_STAGE = 128
+# Samples beyond the 128th, from which photons and irradiance records no longer grow (`src/render/stages.rs`).
+FEW, MANY = 192, 384
 
 
 def measure(path: pathlib.Path, spp: int, device: str, settings: dict) -> Costs:
     """The costs: a first render in this process, then renders of few and of many samples, and merges."""
-    if spp < 3 * LAST_STAGE:
-        raise SystemExit(f"--spp {spp}: at least {3 * LAST_STAGE}, so that pieces reach their last stage")
-    before = processor()
-    scene = penumbra.Scene.load(path)
+    if spp < MANY:
+        raise SystemExit(f"--spp {spp}: at least {MANY} samples, so that photons and records have their final number")
 
     def seconds(first: int, last: int) -> float:
         before = processor()
         scene.render(**settings, spp=spp, samples=(first, last), device=device)
         return processor() - before
 
-    # Compiles the kernels.
-    first = processor() - before + seconds(spp - 1, spp)
-    single = seconds(spp - 1, spp)
-    few, many = seconds(0, 3 * LAST_STAGE // 2), seconds(0, 3 * LAST_STAGE)
-    sample = (many - few) / (3 * LAST_STAGE // 2)
+    before = processor()
+    scene = penumbra.Scene.load(path)
+    start = processor() - before
+    # The first of two equal renders compiles the kernels.
+    start += seconds(0, 1) - seconds(0, 1)
+    last = seconds(spp - 1, spp)
+    few, many = seconds(0, FEW), seconds(0, MANY)
+    sample = (many - few) / (MANY - FEW)
     files = []
     with tempfile.TemporaryDirectory() as folder:
         for index in range(4):
@@ -78,9 +79,9 @@ def measure(path: pathlib.Path, spp: int, device: str, settings: dict) -> Costs:
         write = processor() - before
         piece_bytes = max(file.stat().st_size for file in files)
     return Costs(
-        start=max(first - single, 0.0),
-        tile_set_up=max(few - 3 * LAST_STAGE // 2 * sample, 0.0),
-        range_set_up=max(single - sample, 0.0),
+        start=max(start, 0.0),
+        tile_set_up=max(few - FEW * sample, 0.0),
+        range_set_up=max(last - sample, 0.0),
         sample=sample,
         scene_bytes=path.stat().st_size,
         piece_bytes=piece_bytes,
@@ -89,28 +90,23 @@ def measure(path: pathlib.Path, spp: int, device: str, settings: dict) -> Costs:
     )
 
 
-def on_cluster(path: pathlib.Path, workers: int, tiles: tuple[int, int], spp: int, frames: int, settings: dict) -> list:
+def on_cluster(path: pathlib.Path, workers: int, tiles: tuple[int, int], spp: int, settings: dict) -> list[float]:
     """Seconds by the clock on a Ray cluster of workers with one core each: of an image in one piece (the smallest
-    possible time of one worker), of one in tiles, and of frames of an animation. All workers have
-    compiled their kernels before."""
+    possible time of one worker), and of one in tiles. All workers have compiled their kernels before."""
     import penumbra.ray
     import ray
 
     ray.init(num_cpus=workers, include_dashboard=False, log_to_driver=False)
     with tempfile.TemporaryDirectory() as folder:
-        output = pathlib.Path(folder) / "{frame}.exr"
+        output = pathlib.Path(folder) / "image.exr"
 
-        def seconds(columns: int, rows: int, count: int) -> float:
-            numbers = range(count) if count > 0 else None
+        def seconds(tiles: tuple[int, int]) -> float:
             before = time.perf_counter()
-            penumbra.ray.render(path, output, spp=spp, tiles=(columns, rows), frames=numbers, **settings)
+            penumbra.ray.render(path, output, spp=spp, tiles=tiles, **settings)
             return time.perf_counter() - before
 
-        seconds(2, workers, 0)
-        times = [seconds(1, 1, 0), seconds(*tiles, 0)]
-        if frames > 0:
-            seconds(1, 1, 4)
-            times.append(seconds(1, 1, frames))
+        seconds((2, workers))
+        times = [seconds((1, 1)), seconds(tiles)]
     ray.shutdown()
     return times
 
@@ -147,19 +143,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     measured = commands.add_parser("measure")
-    measured.add_argument("scene", type=pathlib.Path)
-    measured.add_argument("--width", type=int, required=True)
-    measured.add_argument("--height", type=int, required=True)
+    spread = commands.add_parser("workers")
+    for command in (measured, spread):
+        command.add_argument("scene", type=pathlib.Path)
+        command.add_argument("--width", type=int, required=True)
+        command.add_argument("--height", type=int, required=True)
     measured.add_argument("--spp", type=int, required=True)
     measured.add_argument("--technique", default="shadow-photons")
     measured.add_argument("--device", default="best")
-    spread = commands.add_parser("workers")
-    spread.add_argument("scene", type=pathlib.Path)
-    spread.add_argument("--width", type=int, required=True)
-    spread.add_argument("--height", type=int, required=True)
     spread.add_argument("--spp", type=int, default=64)
     spread.add_argument("--tiles", type=int, nargs=2, default=[2, 2])
-    spread.add_argument("--frames", type=int, default=0, help="of an animated scene")
     spread.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     simulated = commands.add_parser("simulate")
     simulated.add_argument("costs", type=pathlib.Path)
@@ -176,13 +169,10 @@ def main() -> None:
         # Workers of one core each: lavapipe would use all cores for each of them.
         os.environ["LP_NUM_THREADS"] = "1"
         settings = {"width": arguments.width, "height": arguments.height}
-        frames = " frames, s |" if arguments.frames > 0 else ""
-        print(f"| workers | one piece, s | tiles, s |{frames}")
-        print("| ---: | ---: | ---: |" + (" ---: |" if frames else ""))
+        print("| workers | one piece, s | tiles, s |")
+        print("| ---: | ---: | ---: |")
         for workers in arguments.workers:
-            times = on_cluster(
-                arguments.scene, workers, tuple(arguments.tiles), arguments.spp, arguments.frames, settings
-            )
+            times = on_cluster(arguments.scene, workers, tuple(arguments.tiles), arguments.spp, settings)
             print(f"| {workers} | {' | '.join(f'{seconds:.2f}' for seconds in times)} |", flush=True)
     else:
         costs = Costs(**json.loads(arguments.costs.read_text()))

@@ -34,7 +34,7 @@ impl Renderer<'_> {
         Ok(statistics(self, self.pass_times()?))
     }
 
-    /// Seconds that this render spent on the device so far, by label of pass.
+    /// Seconds that this render, all its views together, spent on the device so far, by label of pass.
     ///
     /// # Errors
     /// As [`Gpu::pass_times`].

@@ -28,7 +28,7 @@ fn settings(technique: Technique, size: [u32; 2], spp: u32, max_bounces: u32) ->
 fn the_still_life_matches_the_path_tracer() {
     for max_bounces in [0, 64] {
         let of = |technique| {
-            // Of themselves, so few shadow rays have no photons.
+            // Photons would be left out, because there are few shadow rays.
             let settings = settings(technique, [96, 72], 128, max_bounces);
             let settings = settings.with(|s| s.visibility_map.photons_per_light = Some(16384));
             let (image, statistics) = render(&scene_file("still_life.glb"), &settings);
