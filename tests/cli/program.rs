@@ -2,6 +2,8 @@
 
 use std::ffi::OsStr;
 use std::path::PathBuf;
+#[cfg(unix)]
+use std::process::Child;
 use std::process::{Command, Output};
 
 pub const BOX: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/box.glb");
@@ -32,6 +34,14 @@ pub fn penumbra(arguments: &str, files: &[&dyn AsRef<OsStr>]) -> Command {
     // Only the tests of denoising name a library; the PNGs of the others stay raw.
     command.env_remove("OIDN_LIBRARY");
     command
+}
+
+/// Sends a signal, such as "-INT", to a process that the test started. A shell sends it, since minimal systems have no
+/// program `kill`.
+#[cfg(unix)]
+pub fn signal(child: &Child, signal: &str) {
+    let command = format!("kill {signal} {}", child.id());
+    assert!(Command::new("sh").args(["-c", &command]).status().unwrap().success());
 }
 
 /// Runs the program, with arguments as for [`penumbra`].

@@ -316,9 +316,10 @@ fn noise_ends_a_render_and_a_reference_is_compared_with() {
 #[cfg(unix)]
 mod stopped {
     use std::io::{BufRead, BufReader, Read};
-    use std::process::{Command, Stdio};
+    use std::process::Stdio;
 
     use super::*;
+    use crate::program;
 
     /// Renders for an hour, but sends `signal` as soon as the render is under way.
     fn stop(signal: &str, image: &Path, statistics: &Path) -> Answer {
@@ -333,7 +334,7 @@ mod stopped {
         while !said.contains("rendering") {
             assert!(stderr.read_line(&mut said).unwrap() > 0, "it ended before it began: {said}");
         }
-        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        program::signal(&child, signal);
         stderr.read_to_string(&mut said).unwrap();
         let code = child.wait().unwrap().code();
         Answer { code, stdout: String::new(), stderr: said }

@@ -8,9 +8,9 @@ use penumbra::Image;
 use penumbra::internal::render::film::Metadata;
 use serde_json::Value;
 
-#[cfg(unix)]
-use crate::program::penumbra;
 use crate::program::{Answer, BOX, device, folder, oidn_library, run};
+#[cfg(unix)]
+use crate::program::{penumbra, signal};
 use crate::schema;
 
 /// Quick settings: few photons, a small image.
@@ -189,7 +189,7 @@ fn references_that_cannot_be_used_are_refused_before_anything_is_rendered() {
 #[cfg(unix)]
 fn stopped(folder: &Path, arguments: &str, words: &str) -> String {
     use std::io::{BufRead, BufReader, Read};
-    use std::process::{Command, Stdio};
+    use std::process::Stdio;
 
     let arguments = format!("report --device {} {SMALL} {arguments}", device());
     let mut child = penumbra(&arguments, &[&BOX, &"--cache", &folder.join("cache"), &"-o", &folder.join("report")])
@@ -201,7 +201,7 @@ fn stopped(folder: &Path, arguments: &str, words: &str) -> String {
     while !said.contains(words) {
         assert!(stderr.read_line(&mut said).unwrap() > 0, "it ended before it began: {said}");
     }
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    signal(&child, "-INT");
     stderr.read_to_string(&mut said).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
     said

@@ -132,9 +132,9 @@ fn film_of(path: &Path) -> Image {
 #[test]
 fn a_signal_leaves_complete_frames() {
     use std::io::{BufRead, BufReader, Read};
-    use std::process::{Command, Stdio};
+    use std::process::Stdio;
 
-    use crate::program::penumbra;
+    use crate::program::{penumbra, signal};
 
     let folder = folder();
     let name = folder.path().join("shot.{frame}.png");
@@ -146,7 +146,7 @@ fn a_signal_leaves_complete_frames() {
     while !said.contains("rendering") {
         assert!(stderr.read_line(&mut said).unwrap() > 0, "it ended before it began: {said}");
     }
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    signal(&child, "-INT");
     stderr.read_to_string(&mut said).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "{said}");

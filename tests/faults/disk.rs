@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 
 use penumbra::Image;
 
-use crate::program::{Answer, BOX, device, folder, penumbra};
+use crate::program::{Answer, BOX, device, folder, penumbra, signal};
 
 /// Fast settings: few photons, a small image.
 pub const SMALL: &str = "--width 24 --height 16 --photons 4096 --max-bounces 0";
@@ -18,11 +18,6 @@ pub fn names(folder: &Path) -> Vec<String> {
         fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
-}
-
-/// Sends a signal to a process that this test started.
-pub fn signal(child: &Child, signal: &str) {
-    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
 }
 
 /// Starts a render of the box with an hour's time limit and waits until it takes samples. Returns the process, its

@@ -8,8 +8,8 @@ use std::{fs, thread};
 
 use penumbra::Image;
 
-use crate::disk::{SMALL, begin, names, signal};
-use crate::program::{BOX, device, folder, penumbra};
+use crate::disk::{SMALL, begin, names};
+use crate::program::{BOX, device, folder, penumbra, signal};
 
 /// Asserts that every file in the folder is complete and one of the requested outputs.
 fn assert_whole(folder: &Path, requested: &[String]) {
