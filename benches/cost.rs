@@ -8,6 +8,8 @@
 //! and logarithmic growth for triangles. Times include photons, grids and all samples, but not import, hierarchy and
 //! compilation; they are medians of [`RUNS`] runs.
 
+use std::sync::Arc;
+
 use glam::{Mat3, Vec2, Vec3, Vec4, vec3};
 use kernel_kit::Gpu;
 use penumbra::internal::scene::{
@@ -79,7 +81,7 @@ fn square_image(side: u32) -> Settings {
 /// Adds a triangle of a material that belongs to a light.
 fn add(scene: &mut Scene, corners: [Vec3; 3], material: u32, light: u32) {
     let first = scene.vertices.len() as u32;
-    scene.vertices.extend(corners.map(|position| Vertex {
+    Arc::make_mut(&mut scene.vertices).extend(corners.map(|position| Vertex {
         position,
         normal: Vec3::ZERO,
         tangent: Vec4::ZERO,

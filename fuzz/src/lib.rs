@@ -116,7 +116,7 @@ fn size(scene: &Scene) -> usize {
 fn check_scene(scene: &Scene) {
     // Enough for the scenes of a fuzzer. Hierarchies over more triangles take long.
     const MAX_TRIANGLES: usize = 10_000;
-    for Vertex { position, normal, tangent, uv, colour } in &scene.vertices {
+    for Vertex { position, normal, tangent, uv, colour } in scene.vertices.iter() {
         assert!(position.is_finite() && position.length() <= 1.0 + 1e-5, "{position}");
         let unit = |length: f32| length == 0.0 || (length - 1.0).abs() < 1e-5;
         assert!(unit(normal.length()) && unit(tangent.truncate().length()), "{normal} {tangent}");

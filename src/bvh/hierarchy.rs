@@ -1,5 +1,7 @@
 //! Building the hierarchy in the form that kernels read.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -74,13 +76,19 @@ impl Bvh {
     /// [`Error::Usage`] if a coordinate is not finite or its magnitude exceeds 2^40; scenes are normalised first.
     /// [`Error::Buffer`] for 2^28 triangles or more, and for more than 2^24 nodes (about twice as many triangles).
     pub fn build(positions: &[[Vec3; 3]]) -> Result<Bvh> {
-        check(positions)?;
+        Bvh::over(positions.len(), |triangle| positions[triangle])
+    }
+
+    /// As [`build`](Self::build), over `count` triangles whose corners `positions` gives: those of the largest scenes
+    /// would take a gigabyte once more.
+    pub(super) fn over(count: usize, positions: impl Fn(usize) -> [Vec3; 3] + Sync) -> Result<Bvh> {
+        check(count, &positions)?;
         // A balanced tree has at most 28 levels of nodes, as many as the binary tree, and each level but the last needs
         // at most one entry on the stack.
         const { assert!(STACK_SIZE >= node::MAX_INDEX.ilog2()) };
-        let Tree { nodes, order, depth, bounds } = Tree::of_triangles(positions, STACK_SIZE + 1)?;
+        let Tree { nodes, order, depth, bounds } = Tree::of_triangles(0..count, &positions, STACK_SIZE + 1)?;
         let triangles: Vec<_> =
-            order.par_iter().flat_map_iter(|&triangle| texels(positions[triangle as usize])).collect();
+            order.par_iter().flat_map_iter(|&triangle| texels(positions(triangle as usize))).collect();
         Ok(Bvh {
             nodes: nodes.iter().flat_map(Node::pack).collect(),
             triangles: if triangles.is_empty() { vec![[0.0; 4]; 3] } else { triangles },
@@ -101,13 +109,13 @@ impl Bvh {
 }
 
 /// Refuses triangles that are too many or too large.
-pub(super) fn check(positions: &[[Vec3; 3]]) -> Result<()> {
-    if positions.len() >= node::MAX_INDEX {
-        return Err(too_large("bvh_triangles", positions.len(), node::MAX_INDEX));
+pub(super) fn check(count: usize, positions: &(impl Fn(usize) -> [Vec3; 3] + Sync)) -> Result<()> {
+    if count >= node::MAX_INDEX {
+        return Err(too_large("bvh_triangles", count, node::MAX_INDEX));
     }
     let usable =
-        |corners: &[Vec3; 3]| corners.iter().all(|corner| corner.abs().cmple(Vec3::splat(MAX_COORDINATE)).all());
-    if let Some(at) = positions.par_iter().position_first(|corners| !usable(corners)) {
+        |corners: [Vec3; 3]| corners.iter().all(|corner| corner.abs().cmple(Vec3::splat(MAX_COORDINATE)).all());
+    if let Some(at) = (0..count).into_par_iter().find_first(|&at| !usable(positions(at))) {
         return Err(Error::Usage(format!(
             "triangle {at} has a corner that is not finite or beyond {MAX_COORDINATE:e}"
         )));
@@ -137,19 +145,33 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    /// The tree over triangles, of at most `max_depth` levels, which a balanced tree must not exceed.
-    pub fn of_triangles(positions: &[[Vec3; 3]], max_depth: u32) -> Result<Tree> {
-        let bounds: Vec<Aabb> = positions.par_iter().map(Aabb::of).collect();
-        Tree::of_boxes(&bounds, MAX_LEAF, max_depth)
+    /// The tree over a range of triangles, of at most `max_depth` levels, which a balanced tree must not exceed. Its
+    /// indices count from the first triangle of the range.
+    pub fn of_triangles(
+        triangles: Range<usize>,
+        positions: &(impl Fn(usize) -> [Vec3; 3] + Sync),
+        max_depth: u32,
+    ) -> Result<Tree> {
+        let first = triangles.start;
+        Tree::of_boxes(triangles.len(), |at| Aabb::of(&positions(first + at)), MAX_LEAF, max_depth)
     }
 
-    /// As [`of_triangles`](Self::of_triangles), over boxes, of which a leaf holds at most `max_leaf`.
-    pub fn of_boxes(bounds: &[Aabb], max_leaf: u32, max_depth: u32) -> Result<Tree> {
-        let item = |(at, bounds): (usize, &Aabb)| binary::Item { bounds: *bounds, triangle: at as u32 };
-        let mut items: Vec<_> = bounds.par_iter().enumerate().map(item).collect();
+    /// As [`of_triangles`](Self::of_triangles), over `count` boxes, of which a leaf holds at most `max_leaf`.
+    pub fn of_boxes(
+        count: usize,
+        bounds: impl Fn(usize) -> Aabb + Sync,
+        max_leaf: u32,
+        max_depth: u32,
+    ) -> Result<Tree> {
+        let item = |at: usize| binary::Item { bounds: bounds(at), triangle: at as u32 };
         let mut binary_depth = INITIAL_MAX_DEPTH;
         loop {
-            let tree = flatten(&binary::build(&mut items, binary_depth), &items, max_leaf);
+            let mut items: Vec<_> = (0..count).into_par_iter().map(item).collect();
+            let binary = binary::build(&mut items, binary_depth);
+            // Without their boxes, which are in the tree.
+            let sorted: Vec<u32> = items.par_iter().map(|item| item.triangle).collect();
+            drop(items);
+            let tree = flatten(&binary, &sorted, max_leaf);
             if tree.nodes.len() > node::MAX_NODES {
                 return Err(too_large("bvh_nodes", tree.nodes.len(), node::MAX_NODES));
             }
@@ -157,18 +179,16 @@ impl Tree {
                 return Ok(tree);
             }
             if binary_depth == 0 {
-                return Err(Error::Usage(format!(
-                    "a hierarchy over {} instances or triangles is too deep",
-                    bounds.len()
-                )));
+                return Err(Error::Usage(format!("a hierarchy over {count} instances or triangles is too deep")));
             }
             binary_depth /= 2;
         }
     }
 }
 
-/// Lays out the wide nodes such that the children of each node are contiguous.
-fn flatten(tree: &[binary::Node], items: &[binary::Item], max_leaf: u32) -> Tree {
+/// Lays out the wide nodes such that the children of each node are contiguous. `sorted`: the triangles in the order of
+/// the leaves of the binary tree.
+fn flatten(tree: &[binary::Node], sorted: &[u32], max_leaf: u32) -> Tree {
     let mut first_items = vec![0u32; tree.len()];
     for (at, node) in tree.iter().enumerate().filter(|(_, node)| !node.is_leaf()) {
         let [left, right] = node.children(at);
@@ -177,7 +197,7 @@ fn flatten(tree: &[binary::Node], items: &[binary::Item], max_leaf: u32) -> Tree
     }
     let collapse = Collapse::new(tree, max_leaf);
     let mut nodes = vec![Node::around(&[])];
-    let mut order = Vec::with_capacity(items.len());
+    let mut order = Vec::with_capacity(sorted.len());
     let mut depth = 1;
     // Wide nodes to be filled: index, index of the binary node, level.
     let mut open = Vec::new();
@@ -200,7 +220,7 @@ fn flatten(tree: &[binary::Node], items: &[binary::Item], max_leaf: u32) -> Tree
                 nodes.push(Node::around(&[]));
             } else {
                 let first = first_items[child.at] as usize;
-                order.extend(items[first..first + child.leaf_count as usize].iter().map(|item| item.triangle));
+                order.extend_from_slice(&sorted[first..first + child.leaf_count as usize]);
             }
         }
         nodes[index] = node;

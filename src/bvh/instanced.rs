@@ -23,8 +23,10 @@ impl Bvh {
     /// # Errors
     /// As [`Bvh::build`].
     pub fn of(scene: &Scene) -> Result<Bvh> {
-        let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
-        if scene.instances.is_empty() { Bvh::build(&positions) } else { build(scene, &positions) }
+        match scene.instances.is_empty() {
+            true => Bvh::over(scene.triangles.len(), |triangle| scene.triangle_positions(triangle)),
+            false => build(scene),
+        }
     }
 }
 
@@ -58,8 +60,9 @@ impl Placed<'_> {
     }
 }
 
-fn build(scene: &Scene, positions: &[[Vec3; 3]]) -> Result<Bvh> {
-    check(positions)?;
+fn build(scene: &Scene) -> Result<Bvh> {
+    let positions = |triangle: usize| scene.triangle_positions(triangle);
+    check(scene.triangles.len(), &positions)?;
     let flat = scene.flat_triangles();
     let placed = |instance: &Instance| {
         let vertices = &scene.vertices[scene.shared_meshes[instance.mesh].vertices.clone()];
@@ -73,14 +76,14 @@ fn build(scene: &Scene, positions: &[[Vec3; 3]]) -> Result<Bvh> {
     }
     let boxes: Vec<Aabb> = placed.par_iter().map(Placed::bounds).collect();
     let balanced = placed.len().next_power_of_two().ilog2() + 1;
-    let top = Tree::of_boxes(&boxes, 1, balanced.max(TOP_DEPTH))?;
+    let top = Tree::of_boxes(boxes.len(), |at| boxes[at], 1, balanced.max(TOP_DEPTH))?;
 
     let mut nodes = top.nodes;
-    let mut order = Vec::with_capacity(positions.len());
+    let mut order = Vec::with_capacity(scene.triangles.len());
     let mut depth = 0;
     let mut add = |triangles: Range<usize>| -> Result<u32> {
         let (root, first) = (nodes.len() as u32, triangles.start as u32);
-        let tree = Tree::of_triangles(&positions[triangles], STACK_SIZE + 1 - top.depth)?;
+        let tree = Tree::of_triangles(triangles, &positions, STACK_SIZE + 1 - top.depth)?;
         depth = depth.max(tree.depth);
         let moved = |node: Node| Node {
             first_node: node.first_node + root,
@@ -104,7 +107,7 @@ fn build(scene: &Scene, positions: &[[Vec3; 3]]) -> Result<Bvh> {
         return Err(Error::Usage(format!("instances have {indices} triangles in all, more than {MAX_PRIMITIVES}")));
     }
     let mut triangles: Vec<_> =
-        order.par_iter().flat_map_iter(|&triangle| texels(positions[triangle as usize])).collect();
+        order.par_iter().flat_map_iter(|&triangle| texels(positions(triangle as usize))).collect();
     let table = InstanceTable { base: triangles.len() as u32, flat: flat as u32, shift };
     for (number, &index) in top.order.iter().enumerate() {
         let placed = &placed[index as usize];

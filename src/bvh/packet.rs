@@ -30,11 +30,12 @@ impl Bvh {
     /// The nodes as packets read them, with the same indices as in [`nodes`](Self::nodes). Boxes are exact: those that
     /// the corners of their triangles span.
     pub fn packet_nodes(&self) -> Vec<[f32; 4]> {
-        let unpacked: Vec<Node> = self.nodes.chunks(NODE_TEXELS as usize).map(Node::unpack).collect();
-        let mut texels = vec![[0.0; 4]; PACKET_LANES as usize * unpacked.len()];
-        let mut bounds = vec![Aabb::EMPTY; unpacked.len()];
+        let nodes = self.nodes.chunks_exact(NODE_TEXELS as usize);
+        let mut texels = vec![[0.0; 4]; PACKET_LANES as usize * nodes.len()];
+        let mut bounds = vec![Aabb::EMPTY; nodes.len()];
         // Children follow their parents, so the reverse order visits them first.
-        for (index, node) in unpacked.iter().enumerate().rev() {
+        for (index, packed) in nodes.enumerate().rev() {
+            let node = Node::unpack(packed);
             let texels = &mut texels[PACKET_LANES as usize * index..][..PACKET_LANES as usize];
             let mut primitive = node.first_triangle;
             for child in 0..WIDTH {

@@ -21,19 +21,20 @@ pub(super) struct Child {
     pub leaf_count: u32,
 }
 
-/// For each binary node, the minimum cost of representing its triangles by at most 1, 2 or 3 children of a wide node,
-/// and how that cost is reached (Ylitie, Karras and Laine 2017, section 3.1, for four children).
+/// For each binary node, how its triangles are represented at the minimum cost by at most 1, 2 or 3 children of a wide
+/// node (Ylitie, Karras and Laine 2017, section 3.1, for four children).
 pub(super) struct Collapse<'a> {
     nodes: &'a [binary::Node],
-    choices: Vec<[Choice; WIDTH - 1]>,
-    /// If the node becomes a wide node: the number of its four children that represent the left binary child.
-    left_shares: Vec<u8>,
+    choices: Vec<NodeChoice>,
 }
 
+/// The choices for a binary node: four bytes, because the largest scenes have 40 million of them.
 #[derive(Clone, Copy)]
-struct Choice {
-    cost: f32,
-    kind: Kind,
+struct NodeChoice {
+    /// With at most 1, 2 and 3 children.
+    kinds: [Kind; WIDTH - 1],
+    /// If the node becomes a wide node: the number of its four children that represent the left binary child.
+    left_share: Share,
 }
 
 #[derive(Clone, Copy)]
@@ -41,54 +42,76 @@ enum Kind {
     Leaf,
     Wide,
     /// The left binary child gets this number of children, the right one the rest.
-    Split(u8),
+    Split(Share),
     /// The same as with one child fewer.
     Fewer,
+}
+
+/// A number of children from 1 to 3. With an integer in its place a [`Kind`] would take two bytes.
+#[derive(Clone, Copy)]
+enum Share {
+    One = 1,
+    Two,
+    Three,
+}
+
+/// The minimum costs with at most 1, 2 and 3 children.
+type Costs = [f32; WIDTH - 1];
+
+/// A number of children for the left binary child that costs least.
+#[derive(Clone, Copy)]
+struct Split {
+    cost: f32,
+    share: Share,
+}
+
+impl Split {
+    /// The best split of `budget` children, at least two, between binary children of these costs.
+    fn of(budget: usize, left: &Costs, right: &Costs) -> Split {
+        // The even share comes first, so that it is kept at equal costs. This keeps the tree shallow.
+        [Share::Two, Share::One, Share::Three]
+            .into_iter()
+            .filter(|&share| (share as usize) < budget)
+            .map(|share| Split { cost: left[share as usize - 1] + right[budget - share as usize - 1], share })
+            .min_by(|a, b| a.cost.total_cmp(&b.cost))
+            .expect("the budget is at least two")
+    }
 }
 
 impl<'a> Collapse<'a> {
     /// The collapse to leaves of at most `max_leaf` triangles.
     pub fn new(nodes: &'a [binary::Node], max_leaf: u32) -> Self {
-        let none = Choice { cost: f32::INFINITY, kind: Kind::Leaf };
-        let mut choices = vec![[none; WIDTH - 1]; nodes.len()];
-        let mut left_shares = vec![0; nodes.len()];
-        // Children follow their parents, so the reverse order visits them first.
-        for (at, node) in nodes.iter().enumerate().rev() {
+        let leaf = NodeChoice { kinds: [Kind::Leaf; WIDTH - 1], left_share: Share::Two };
+        let mut choices = vec![leaf; nodes.len()];
+        // Those of subtrees whose parent comes later. Children follow their parents, so the reverse order visits them
+        // first: the left child, which is next to its parent, last.
+        let mut costs: Vec<Costs> = Vec::new();
+        for (node, choice) in nodes.iter().zip(&mut choices).rev() {
             let area = node.bounds.half_area();
-            let mut leaf = none;
-            if node.count <= max_leaf {
-                leaf.cost = area * node.count as f32 * TRIANGLE_COST;
-            }
+            let may_be_leaf = node.count <= max_leaf;
+            let leaf_cost = if may_be_leaf { area * node.count as f32 * TRIANGLE_COST } else { f32::INFINITY };
             if node.is_leaf() {
-                choices[at] = [leaf; WIDTH - 1];
+                costs.push([leaf_cost; WIDTH - 1]);
                 continue;
             }
-            let [left, right] = node.children(at);
-            let split = |budget: usize| {
-                // The even share comes first, so that it is kept at equal costs. This keeps the tree shallow.
-                [2, 1, 3]
-                    .into_iter()
-                    .filter(|&share| share < budget)
-                    .map(|share| {
-                        let cost = cost_below(&choices, left, share) + cost_below(&choices, right, budget - share);
-                        Choice { cost, kind: Kind::Split(share as u8) }
-                    })
-                    .min_by(|a, b| a.cost.total_cmp(&b.cost))
-                    .expect("the budget is at least two")
-            };
-            let wide = split(WIDTH);
-            let Kind::Split(share) = wide.kind else { unreachable!("split only splits") };
-            left_shares[at] = share;
-            let wide = Choice { cost: wide.cost + area, kind: Kind::Wide };
-            let mut best = [if node.count <= max_leaf && leaf.cost <= wide.cost { leaf } else { wide }; WIDTH - 1];
+            let (left, right) = costs.pop().zip(costs.pop()).expect("both subtrees came before");
+            let whole = Split::of(WIDTH, &left, &right);
+            let wide_cost = whole.cost + area;
+            let is_leaf = may_be_leaf && leaf_cost <= wide_cost;
+            choice.left_share = whole.share;
+            choice.kinds[0] = if is_leaf { Kind::Leaf } else { Kind::Wide };
+            let mut own = [if is_leaf { leaf_cost } else { wide_cost }; WIDTH - 1];
             for budget in 2..WIDTH {
-                let fewer = Choice { cost: best[budget - 2].cost, kind: Kind::Fewer };
-                let split = split(budget);
-                best[budget - 1] = if split.cost < fewer.cost { split } else { fewer };
+                let split = Split::of(budget, &left, &right);
+                let fewer = own[budget - 2];
+                (own[budget - 1], choice.kinds[budget - 1]) = match split.cost < fewer {
+                    true => (split.cost, Kind::Split(split.share)),
+                    false => (fewer, Kind::Fewer),
+                };
             }
-            choices[at] = best;
+            costs.push(own);
         }
-        Collapse { nodes, choices, left_shares }
+        Collapse { nodes, choices }
     }
 
     /// The one to four children of the wide node that replaces the binary node with index `at`.
@@ -100,7 +123,7 @@ impl<'a> Collapse<'a> {
             children.push(Child { bounds: node.bounds, at, leaf_count: node.count });
         } else {
             let [left, right] = node.children(at);
-            let share = self.left_shares[at] as usize;
+            let share = self.choices[at].left_share as usize;
             self.gather(left, share, &mut children);
             self.gather(right, WIDTH - share, &mut children);
         }
@@ -109,7 +132,7 @@ impl<'a> Collapse<'a> {
 
     fn gather(&self, at: usize, budget: usize, children: &mut Vec<Child>) {
         let node = &self.nodes[at];
-        match self.choices[at][budget - 1].kind {
+        match self.choices[at].kinds[budget - 1] {
             Kind::Leaf => children.push(Child { bounds: node.bounds, at, leaf_count: node.count }),
             Kind::Wide => children.push(Child { bounds: node.bounds, at, leaf_count: 0 }),
             Kind::Fewer => self.gather(at, budget - 1, children),
@@ -120,8 +143,4 @@ impl<'a> Collapse<'a> {
             }
         }
     }
-}
-
-fn cost_below(choices: &[[Choice; WIDTH - 1]], at: usize, budget: usize) -> f32 {
-    choices[at][budget - 1].cost
 }

@@ -1,17 +1,37 @@
 //! Bounding spheres.
 
 use glam::Vec3;
+use rayon::prelude::*;
+
+/// Lower and upper corner of a box without points.
+const NOTHING: [Vec3; 2] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
 
 /// A sphere around the points, centred in their box; of radius 0 where there is no point.
 pub(super) fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Vec3, f32) {
-    let (low, high) = points
-        .clone()
-        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), point| (low.min(point), high.max(point)));
+    let bounds = points.clone().map(|p| [p, p]).fold(NOTHING, joined);
+    sphere_in(bounds, |centre| points.map(|p| distance(p, centre)).fold(0.0, f64::max))
+}
+
+/// As [`bounding_sphere`], by all threads: for the points of a scene.
+pub(super) fn bounding_sphere_of_scene(points: impl ParallelIterator<Item = Vec3> + Clone) -> (Vec3, f32) {
+    let bounds = points.clone().map(|p| [p, p]).reduce(|| NOTHING, joined);
+    sphere_in(bounds, |centre| points.map(|p| distance(p, centre)).reduce(|| 0.0, f64::max))
+}
+
+fn joined([lower, upper]: [Vec3; 2], [low, high]: [Vec3; 2]) -> [Vec3; 2] {
+    [lower.min(low), upper.max(high)]
+}
+
+fn distance(point: Vec3, centre: Vec3) -> f64 {
+    point.as_dvec3().distance(centre.as_dvec3())
+}
+
+/// The sphere about the centre of a box, with the radius for that centre.
+fn sphere_in([low, high]: [Vec3; 2], radius: impl FnOnce(Vec3) -> f64) -> (Vec3, f32) {
     if low.x > high.x {
         return (Vec3::ZERO, 0.0);
     }
     let centre = (low + high) / 2.0;
-    let radius = points.map(|point| point.as_dvec3().distance(centre.as_dvec3())).fold(0.0, f64::max);
     // Rounded up, so that no point is outside.
-    (centre, (radius as f32).next_up())
+    (centre, (radius(centre) as f32).next_up())
 }

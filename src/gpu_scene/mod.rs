@@ -65,13 +65,24 @@ impl GpuScene {
             let sides = if material.double_sided { TRIANGLE_DOUBLE_SIDED } else { 0 };
             bvh.set_triangle_word(index as u32, alpha | sides);
         }
+        // What the device has is dropped at once, since the largest scenes fill the host's memory.
+        let mut hierarchy = 0;
+        let mut upload = |label: &str, texels: Vec<[f32; 4]>| {
+            hierarchy += texels.len();
+            gpu.table(label, &texels, TableFormat::Float)
+        };
+        let packet_nodes = match features.has(Feature::Packets) {
+            true => Some(upload("penumbra/scene/packet_nodes", bvh.packet_nodes())?),
+            false => None,
+        };
+        let triangles = upload("penumbra/scene/bvh_triangles", bvh.triangles)?;
+        hierarchy += bvh.nodes.len();
+        let nodes = gpu.table("penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?;
+        drop((bvh.nodes, bvh.order));
         let (textures, material_textures) = GpuTextures::new(gpu, scene)?;
         let surfaces = GpuSurfaces::new(gpu, scene, &material_textures, features)?;
         let double_sided = |object: &Procedural| scene.materials[object.material as usize].double_sided;
         let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.texels(double_sided(o))).collect();
-        let packet_nodes = features.has(Feature::Packets).then(|| bvh.packet_nodes());
-        let upload_packets = |nodes: &Vec<_>| gpu.table("penumbra/scene/packet_nodes", nodes, TableFormat::Float);
-        let hierarchy = bvh.nodes.len() + bvh.triangles.len() + packet_nodes.as_ref().map_or(0, Vec::len);
         let texels = procedurals.len() + hierarchy + scene.triangles.len() * surfaces.stride();
         // Equation 1 compares numbers of photons, so each must represent the same share of its light: emission is not
         // restricted to the receiver bounds.
@@ -80,9 +91,9 @@ impl GpuScene {
         let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);
         Ok(GpuScene {
             lights,
-            nodes: gpu.table("penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?,
-            packet_nodes: packet_nodes.as_ref().map(upload_packets).transpose()?,
-            triangles: gpu.table("penumbra/scene/bvh_triangles", &bvh.triangles, TableFormat::Float)?,
+            nodes,
+            packet_nodes,
+            triangles,
             camera: gpu.upload("penumbra/scene/camera", &[CameraUniform::new(camera, size[0], size[1])])?,
             sheen_albedos: features.has(Feature::Sheen).then(|| sheen::upload(gpu)).transpose()?,
             bytes: texels as u64 * 16 + textures.bytes + panorama,

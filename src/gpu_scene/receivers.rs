@@ -3,8 +3,9 @@
 //! which need a search.)
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
-use super::bounds::bounding_sphere;
+use super::bounds::bounding_sphere_of_scene;
 use crate::scene::Scene;
 
 /// A sphere around all surfaces that store or scatter photons, in normalised space.
@@ -22,11 +23,10 @@ const SPARE: f32 = 1e-4;
 impl ReceiverBounds {
     /// The bounds of all surfaces of a scene except lamps that reflect nothing. None if there are no others.
     pub fn of(scene: &Scene) -> Option<ReceiverBounds> {
-        let receives = |material: u32| !scene.materials[material as usize].is_black_lamp();
-        let triangles = (0..scene.flat_triangles()).filter(|i| receives(scene.triangles[*i].material));
         // Instances do not emit.
-        let corners = triangles.flat_map(|i| scene.triangle_positions(i)).chain(scene.instance_vertices());
-        let (centre, radius) = bounding_sphere(corners.chain(scene.procedurals.iter().flat_map(|o| o.corners())));
+        let corners = scene.placed_corners(|triangle| !scene.materials[triangle.material as usize].is_black_lamp());
+        let objects = scene.procedurals.par_iter().flat_map_iter(|object| object.corners());
+        let (centre, radius) = bounding_sphere_of_scene(corners.chain(objects));
         (radius > 0.0).then_some(ReceiverBounds { centre, radius: radius * (1.0 + SPARE) + SPARE })
     }
 

@@ -2,6 +2,7 @@
 
 use glam::{Vec3, Vec4};
 use kernel_kit::{Gpu, Table, TableFormat};
+use rayon::prelude::*;
 
 use super::oct_encode16;
 use super::textures::MaterialTextures;
@@ -56,10 +57,12 @@ impl GpuSurfaces {
     /// As [`Gpu::table`].
     pub fn new(gpu: &Gpu, scene: &Scene, textures: &[MaterialTextures], features: &Features) -> Result<GpuSurfaces> {
         let layout = Layout::new(features);
-        let mut texels = Vec::with_capacity(scene.triangles.len() * layout.stride as usize);
-        for triangle in &scene.triangles {
-            push_triangle(&mut texels, scene, triangle, &layout);
-        }
+        let stride = layout.stride as usize;
+        let mut texels = vec![[0; 4]; scene.triangles.len() * stride];
+        texels
+            .par_chunks_exact_mut(stride)
+            .zip(&scene.triangles)
+            .for_each(|(own, triangle)| write_triangle(own, scene, triangle, &layout));
         let scale = scene.normalisation.scale();
         let materials: Vec<[u32; 4]> =
             scene.materials.iter().zip(textures).flat_map(|(material, infos)| material.texels(scale, infos)).collect();
@@ -91,33 +94,35 @@ impl GpuSurfaces {
     }
 }
 
-fn push_triangle(texels: &mut Vec<[u32; 4]>, scene: &Scene, triangle: &Triangle, layout: &Layout) {
+fn write_triangle(texels: &mut [[u32; 4]], scene: &Scene, triangle: &Triangle, layout: &Layout) {
     let corners = triangle.vertices.map(|v| scene.vertices[v as usize]);
     let flat = scene.is_flat(triangle);
     let [n0, n1, n2] = corners.map(|c| if flat { 0 } else { oct_encode16(c.normal) });
-    texels.push([n0, n1, n2, triangle.material | if flat { SURFACE_FLAT } else { 0 }]);
-    if layout.uv.is_some() {
+    texels[0] = [n0, n1, n2, triangle.material | if flat { SURFACE_FLAT } else { 0 }];
+    if let Some(at) = layout.uv {
+        let texels = &mut texels[at as usize..];
         let pair = |set: usize, corner: usize| corners[corner].uv[set].to_array().map(f32::to_bits);
         let pairs = |a: [u32; 2], b: [u32; 2]| [a[0], a[1], b[0], b[1]];
-        texels.push(pairs(pair(0, 0), pair(0, 1)));
-        texels.push(pairs(pair(0, 2), if layout.uv1 { pair(1, 0) } else { [0; 2] }));
+        texels[0] = pairs(pair(0, 0), pair(0, 1));
+        texels[1] = pairs(pair(0, 2), if layout.uv1 { pair(1, 0) } else { [0; 2] });
         if layout.uv1 {
-            texels.push(pairs(pair(1, 1), pair(1, 2)));
+            texels[2] = pairs(pair(1, 1), pair(1, 2));
         }
     }
-    if layout.colour.is_some() {
+    if let Some(at) = layout.colour {
+        let texels = &mut texels[at as usize..];
         let unorm = |v: f32| (v.clamp(0.0, 1.0) * 65535.0).round() as u32;
         let words =
             corners.map(|c| [unorm(c.colour.x) | unorm(c.colour.y) << 16, unorm(c.colour.z) | unorm(c.colour.w) << 16]);
-        texels.push([words[0][0], words[0][1], words[1][0], words[1][1]]);
-        texels.push([words[2][0], words[2][1], 0, 0]);
+        texels[0] = [words[0][0], words[0][1], words[1][0], words[1][1]];
+        texels[1] = [words[2][0], words[2][1], 0, 0];
     }
-    if layout.tangent.is_some() {
+    if let Some(at) = layout.tangent {
         let computed = uv_tangent(scene, triangle);
         let tangents = corners.map(|c| if c.tangent == Vec4::ZERO { computed } else { c.tangent });
         let signs = (0..3).fold(0, |bits, i| bits | u32::from(tangents[i].w < 0.0) << i);
         let [t0, t1, t2] = tangents.map(|t| oct_encode16(t.truncate()));
-        texels.push([t0, t1, t2, signs]);
+        texels[at as usize] = [t0, t1, t2, signs];
     }
 }
 

@@ -176,6 +176,8 @@ impl Random {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use glam::Vec3;
 
     use super::*;
@@ -190,7 +192,7 @@ mod tests {
         let mut scene = Scene::default();
         for i in 0..40 {
             let corners = [point(), point(), point()];
-            scene.vertices.extend(corners.map(|position| Vertex { position, ..Vertex::default() }));
+            Arc::make_mut(&mut scene.vertices).extend(corners.map(|position| Vertex { position, ..Vertex::default() }));
             scene.triangles.push(Triangle { vertices: [3 * i, 3 * i + 1, 3 * i + 2], material: 0, light: NO_LIGHT });
         }
         let shape = GridShape::over_scene(&scene, 7);

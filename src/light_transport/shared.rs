@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 use kernel_kit::Gpu;
+use rayon::prelude::*;
 
 use crate::gpu_scene::GpuScene;
 use crate::passes::TileBuffers;
@@ -41,12 +42,21 @@ pub(crate) fn photons_by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhoto
 
 /// Bounds and area of the scene's surfaces; procedural objects count as their boxes.
 pub(crate) fn extent(scene: &Scene) -> ((Vec3, Vec3), f32) {
-    let mut bounds = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    let mut area = 0.0f64;
-    for (_, [a, b, c]) in scene.placed_triangles() {
-        bounds = (bounds.0.min(a).min(b).min(c), bounds.1.max(a).max(b).max(c));
-        area += f64::from((b - a).cross(c - a).length()) * 0.5;
-    }
+    // Sums of a fixed number of triangles, so that the number of threads changes no bit.
+    const ADDED: usize = 1 << 16;
+    type Extent = ((Vec3, Vec3), f64);
+    let nothing = || ((Vec3::INFINITY, Vec3::NEG_INFINITY), 0.0);
+    let with = |((low, high), area): Extent, [a, b, c]: [Vec3; 3]| {
+        let bounds = (low.min(a).min(b).min(c), high.max(a).max(b).max(c));
+        (bounds, area + f64::from((b - a).cross(c - a).length()) * 0.5)
+    };
+    let flat = scene.flat_triangles();
+    let part =
+        |first: usize| (first..flat.min(first + ADDED)).map(|i| scene.triangle_positions(i)).fold(nothing(), with);
+    let parts: Vec<Extent> = (0..flat.div_ceil(ADDED)).into_par_iter().map(|number| part(number * ADDED)).collect();
+    let joined = |a: Extent, b: Extent| ((a.0.0.min(b.0.0), a.0.1.max(b.0.1)), a.1 + b.1);
+    let of_flat = parts.into_iter().fold(nothing(), joined);
+    let (mut bounds, mut area) = scene.instance_triangles().fold(of_flat, |extent, (_, corners)| with(extent, corners));
     for object in &scene.procedurals {
         bounds = object.corners().iter().fold(bounds, |(low, high), p| (low.min(*p), high.max(*p)));
         area += f64::from(object.box_area());

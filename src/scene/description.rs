@@ -1,5 +1,7 @@
 //! The scene: the result of import and the input of the renderer.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
 use super::camera::Camera;
@@ -14,8 +16,8 @@ use crate::procedural::{Functions, Procedural};
 /// A scene ready to render.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// Vertices. Triangles of the same mesh primitive share them.
-    pub vertices: Vec<Vertex>,
+    /// Vertices. Triangles of the same mesh primitive share them, and so do copies of the scene.
+    pub vertices: Arc<Vec<Vertex>>,
     /// Triangles. None of them has zero area. Those of shared meshes come last.
     pub triangles: Vec<Triangle>,
     /// Meshes that are stored once and placed by instances.
@@ -26,8 +28,8 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Textures: an image, a sampler and a colour space.
     pub textures: Vec<Texture>,
-    /// Decoded images.
-    pub images: Vec<TextureImage>,
+    /// Decoded images, which copies of the scene share.
+    pub images: Arc<Vec<TextureImage>>,
     /// Procedural objects, at most [`crate::procedural::MAX_OBJECTS`].
     pub procedurals: Vec<Procedural>,
     /// The functions of the procedural objects.

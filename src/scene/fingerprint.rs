@@ -51,7 +51,7 @@ impl Scene {
             let _ = write!(fingerprint, "{shared_meshes:?} {instances:?}");
         }
         // The debug form of millions of texels is slow, so their bytes are hashed.
-        for TextureImage { name, width, height, texels } in images {
+        for TextureImage { name, width, height, texels } in images.iter() {
             let _ = write!(fingerprint, "{name:?} {width} {height}");
             fingerprint.write_bytes(texels.as_flattened());
         }

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::iter::Peekable;
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
@@ -327,6 +328,7 @@ impl Geometry {
             .map(|light| PlacedMeshLight { node: light.node, material: light.material, emitters: Vec::new() })
             .collect();
         let mut new_index = vec![u32::MAX; positions.len()];
+        let own_vertices = Arc::make_mut(&mut scene.vertices);
         scene.triangles.reserve(self.triangles.len());
         for (triangle, radiance) in self.triangles.iter().zip(&self.radiance) {
             let corners = triangle.vertices.map(|v| positions[v as usize]);
@@ -337,7 +339,7 @@ impl Geometry {
                 *if coincide { &mut rounded_off } else { &mut degenerate } += 1;
                 continue;
             }
-            let vertices = scene.adopt_vertices(triangle.vertices, &self.vertices, &positions, &mut new_index);
+            let vertices = adopt_vertices(own_vertices, triangle.vertices, &self.vertices, &positions, &mut new_index);
             if *radiance != Vec3::ZERO {
                 let emitter = EmitterTriangle { triangle: scene.triangles.len() as u32, radiance: *radiance };
                 lights[triangle.light as usize].emitters.push(emitter);
@@ -418,10 +420,11 @@ impl Shared {
             let norm = |i: &Instance| i.linear.inverse().to_cols_array().iter().map(|x| x * x).sum::<f32>().sqrt();
             let smallest = scene.instances[first..].iter().map(|i| 1.0 / norm(i)).fold(1.0, f32::min);
             let mut new_index = vec![u32::MAX; positions.len()];
+            let own_vertices = Arc::make_mut(&mut scene.vertices);
             for triangle in &self.geometry.triangles {
                 if has_area(triangle.vertices.map(|v| smallest * positions[v as usize])) {
-                    let own = &self.geometry.vertices;
-                    let vertices = scene.adopt_vertices(triangle.vertices, own, &positions, &mut new_index);
+                    let stored = &self.geometry.vertices;
+                    let vertices = adopt_vertices(own_vertices, triangle.vertices, stored, &positions, &mut new_index);
                     scene.triangles.push(Triangle { vertices, ..*triangle });
                 } else {
                     *degenerate += 1;
@@ -443,25 +446,25 @@ fn box_corners(bounds: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
     (0..8).map(move |i| DVec3::from_array([0, 1, 2].map(|axis| bounds[i >> axis & 1][axis])))
 }
 
-impl Scene {
-    /// Adds the vertices of a triangle that are not there yet, with their positions. Returns their new indices.
-    fn adopt_vertices(
-        &mut self,
-        corners: [u32; 3],
-        vertices: &[Vertex],
-        positions: &[Vec3],
-        new_index: &mut [u32],
-    ) -> [u32; 3] {
-        corners.map(|v| {
-            let index = &mut new_index[v as usize];
-            if *index == u32::MAX {
-                *index = self.vertices.len() as u32;
-                self.vertices.push(Vertex { position: positions[v as usize], ..vertices[v as usize] });
-            }
-            *index
-        })
-    }
+/// Adds the vertices of a triangle that are not in `adopted` yet, with their positions. Returns their new indices.
+fn adopt_vertices(
+    adopted: &mut Vec<Vertex>,
+    corners: [u32; 3],
+    vertices: &[Vertex],
+    positions: &[Vec3],
+    new_index: &mut [u32],
+) -> [u32; 3] {
+    corners.map(|v| {
+        let index = &mut new_index[v as usize];
+        if *index == u32::MAX {
+            *index = adopted.len() as u32;
+            adopted.push(Vertex { position: positions[v as usize], ..vertices[v as usize] });
+        }
+        *index
+    })
+}
 
+impl Scene {
     /// Adds the mesh lights of `node`, which must come next in `lights`. Lights without emitters are dropped.
     pub(super) fn adopt_mesh_lights(
         &mut self,

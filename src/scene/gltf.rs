@@ -104,8 +104,12 @@ impl Scene {
         let references = check_nodes(&root, &nodes, &meshes, &counts, &accessors)?;
         let document = Document { nodes, references, meshes, skins, cameras, lights };
 
-        let mut scene =
-            Scene { images, textures: materials.textures, materials: materials.materials, ..Default::default() };
+        let mut scene = Scene {
+            images: images.into(),
+            textures: materials.textures,
+            materials: materials.materials,
+            ..Default::default()
+        };
         let mut geometry = document.geometry(&mut scene.materials, options)?;
         let procedurals = procedural::read(&document.nodes, &mut resources, &mut scene, &mut notes)?;
         immersion::immerse(&mut geometry, &mut scene.materials, &mut notes);

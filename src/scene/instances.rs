@@ -1,8 +1,10 @@
 //! What is in the scene once its instances are in their positions.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::description::Scene;
 use super::instance::Instance;
@@ -17,30 +19,49 @@ impl Scene {
     }
 
     /// The positions of the vertices, of each instance its own.
-    pub(crate) fn placed_vertices(&self) -> impl Iterator<Item = Vec3> + Clone {
+    pub(crate) fn placed_vertices(&self) -> impl ParallelIterator<Item = Vec3> + Clone {
         let flat = self.shared_meshes.first().map_or(self.vertices.len(), |mesh| mesh.vertices.start);
-        self.vertices[..flat].iter().map(|vertex| vertex.position).chain(self.instance_vertices())
+        let flat = self.vertices[..flat].par_iter().map(|vertex| vertex.position);
+        flat.chain(self.instances.par_iter().flat_map_iter(|instance| self.vertices_of(*instance)))
+    }
+
+    /// The corners of all triangles for which `is_wanted`, and the vertices of each instance.
+    pub(crate) fn placed_corners(
+        &self,
+        is_wanted: impl Fn(&Triangle) -> bool + Copy + Sync + Send,
+    ) -> impl ParallelIterator<Item = Vec3> + Clone {
+        let flat = (0..self.flat_triangles()).into_par_iter().filter(move |index| is_wanted(&self.triangles[*index]));
+        let flat = flat.flat_map_iter(|index| self.triangle_positions(index));
+        flat.chain(self.instances.par_iter().flat_map_iter(|instance| self.vertices_of(*instance)))
     }
 
     /// The positions of the vertices of each instance.
-    pub(crate) fn instance_vertices(&self) -> impl Iterator<Item = Vec3> + Clone {
-        let of_instance = |instance: &Instance| {
-            let (instance, vertices) = (*instance, self.shared_meshes[instance.mesh].vertices.clone());
-            self.vertices[vertices].iter().map(move |vertex| instance.apply(vertex.position))
-        };
-        self.instances.iter().flat_map(of_instance)
+    pub(super) fn instance_vertices(&self) -> impl Iterator<Item = Vec3> {
+        self.instances.iter().flat_map(|instance| self.vertices_of(*instance))
+    }
+
+    fn vertices_of(&self, instance: Instance) -> impl Iterator<Item = Vec3> {
+        let vertices = self.shared_meshes[instance.mesh].vertices.clone();
+        self.vertices[vertices].iter().map(move |vertex| instance.apply(vertex.position))
     }
 
     /// The triangles with their corners' positions, of each instance its own.
     pub(crate) fn placed_triangles(&self) -> impl Iterator<Item = (&Triangle, [Vec3; 3])> {
-        let stored = |index: usize| (&self.triangles[index], self.triangle_positions(index));
+        (0..self.flat_triangles()).map(|index| self.stored_triangle(index)).chain(self.instance_triangles())
+    }
+
+    /// The triangles of each instance with their corners' positions.
+    pub(crate) fn instance_triangles(&self) -> impl Iterator<Item = (&Triangle, [Vec3; 3])> {
         let of_instance = move |instance: Instance| {
             let triangles = self.shared_meshes[instance.mesh].triangles.clone();
             let place = move |(triangle, corners): (_, [Vec3; 3])| (triangle, corners.map(|p| instance.apply(p)));
-            triangles.map(stored).map(place)
+            triangles.map(|index| self.stored_triangle(index)).map(place)
         };
-        let placed = self.instances.iter().flat_map(move |instance| of_instance(*instance));
-        (0..self.flat_triangles()).map(stored).chain(placed)
+        self.instances.iter().flat_map(move |instance| of_instance(*instance))
+    }
+
+    fn stored_triangle(&self, index: usize) -> (&Triangle, [Vec3; 3]) {
+        (&self.triangles[index], self.triangle_positions(index))
     }
 
     /// Replaces the instances by triangles of their own.
@@ -57,18 +78,19 @@ impl Scene {
                 MAX_CORNERS / 3
             )));
         }
-        let shared_vertices = self.vertices.split_off(first.vertices.start);
+        let own_vertices = Arc::make_mut(&mut self.vertices);
+        let shared_vertices = own_vertices.split_off(first.vertices.start);
         let shared_triangles = self.triangles.split_off(first.triangles.start);
         self.triangles.reserve_exact(triangles - first.triangles.start);
         for instance in std::mem::take(&mut self.instances) {
             let mesh = &self.shared_meshes[instance.mesh];
             let stored = |range: &Range<usize>, base: usize| range.start - base..range.end - base;
             let vertices = &shared_vertices[stored(&mesh.vertices, first.vertices.start)];
-            let moved = |vertex: u32| vertex - mesh.vertices.start as u32 + self.vertices.len() as u32;
+            let moved = |vertex: u32| vertex - mesh.vertices.start as u32 + own_vertices.len() as u32;
             for triangle in &shared_triangles[stored(&mesh.triangles, first.triangles.start)] {
                 self.triangles.push(Triangle { vertices: triangle.vertices.map(moved), ..*triangle });
             }
-            self.vertices.extend(vertices.iter().map(|vertex| instance.apply_to_vertex(vertex)));
+            own_vertices.extend(vertices.iter().map(|vertex| instance.apply_to_vertex(vertex)));
         }
         self.shared_meshes.clear();
         Ok(())

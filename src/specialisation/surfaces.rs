@@ -1,6 +1,7 @@
 //! Decisions on the surfaces of a scene, and facts about its materials and lights.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::decisions::{Specialisation, bytes_text, count};
 use super::lobes::{LOBES, Part, has_lobe};
@@ -156,9 +157,10 @@ impl Facts {
             facts.alpha += usize::from(m.alpha != AlphaMode::Opaque);
             facts.unlit += usize::from(m.unlit);
         }
-        facts.vertex_colours = scene.vertices.iter().any(|v| v.colour != glam::Vec4::ONE);
-        facts.smooth_normals = scene.triangles.iter().any(|triangle| !scene.is_flat(triangle));
-        facts.needles = (0..scene.triangles.len()).filter(|i| is_needle(scene.triangle_positions(*i))).count();
+        facts.vertex_colours = scene.vertices.par_iter().any(|v| v.colour != glam::Vec4::ONE);
+        facts.smooth_normals = scene.triangles.par_iter().any(|triangle| !scene.is_flat(triangle));
+        let triangles = (0..scene.triangles.len()).into_par_iter();
+        facts.needles = triangles.filter(|i| is_needle(scene.triangle_positions(*i))).count();
         for light in &scene.lights {
             match &light.kind {
                 LightKind::Mesh { material, .. } => {

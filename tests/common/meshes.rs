@@ -1,6 +1,7 @@
 //! Triangle scenes, cameras and panoramas for tests.
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::internal::scene::{
@@ -30,7 +31,7 @@ pub fn scene(meshes: &[(Vec<Corners>, Material)], punctual: Vec<LightKind>) -> S
         let mut emitters = Vec::new();
         for corners in triangles {
             let first = scene.vertices.len() as u32;
-            scene.vertices.extend(corners.map(|c| Vertex {
+            Arc::make_mut(&mut scene.vertices).extend(corners.map(|c| Vertex {
                 position: c.as_vec3(),
                 normal: Vec3::ZERO,
                 tangent: Vec4::ZERO,

@@ -137,7 +137,7 @@ fn glass_matches_the_mesh() {
     };
     let of_mesh = |glass: Material| {
         let mut scene = scene(&[floor(), (crate::meshes::sphere(centre, 0.2, 64), glass)], Vec::new());
-        for vertex in scene.vertices.iter_mut().skip(6) {
+        for vertex in Arc::make_mut(&mut scene.vertices).iter_mut().skip(6) {
             vertex.normal = (vertex.position - centre.as_vec3()).normalize();
         }
         render(scene)

@@ -1,5 +1,7 @@
 //! The techniques that show the global map directly, by density estimation: `photon-map` and `negative-photons`.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use penumbra::internal::scene::{LightKind, Material, Scene};
 use penumbra::{Settings, Technique};
@@ -73,7 +75,7 @@ fn photons_are_found_below_smooth_surfaces() {
             range: f32::INFINITY,
         };
         let mut scene = scene(&[(sphere(DVec3::ZERO, 0.5, 8), surface(0.6, 0.0))], vec![light]);
-        scene.vertices.iter_mut().for_each(|vertex| vertex.normal = vertex.position.normalize());
+        Arc::make_mut(&mut scene.vertices).iter_mut().for_each(|vertex| vertex.normal = vertex.position.normalize());
         scene
     };
     let view = camera(eye, DVec3::NEG_Z, 0.4);

@@ -1,5 +1,7 @@
 //! Smooth surfaces of coarse triangles, whose points are above the triangles on which photons lie.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use penumbra::internal::scene::{Material, Scene};
 use penumbra::{Aov, Image, Settings, Statistics, Technique};
@@ -22,7 +24,9 @@ fn ball(rings: usize) -> Scene {
         (lamp, surface(0.0, 100.0)),
     ];
     let mut scene = scene(&meshes, Vec::new());
-    scene.vertices[..corners].iter_mut().for_each(|vertex| vertex.normal = vertex.position.normalize());
+    Arc::make_mut(&mut scene.vertices)[..corners]
+        .iter_mut()
+        .for_each(|vertex| vertex.normal = vertex.position.normalize());
     scene
 }
 

@@ -110,14 +110,16 @@ impl Selection {
             let panorama = Panorama { width: 1, height: 1, texels: vec![[1.0; 3]] };
             scene.set_environment(Arc::new(panorama), 0.0, 1.0).unwrap();
         }
-        scene.images = vec![TextureImage { name: String::new(), width: 1, height: 1, texels: vec![[255; 4]] }];
+        scene.images = vec![TextureImage { name: String::new(), width: 1, height: 1, texels: vec![[255; 4]] }].into();
         let wrap = [Wrap::Repeat; 2];
         scene.textures = vec![Texture { image: 0, wrap, filter: Filter::Linear, space: ColourSpace::Srgb }];
         if self.has(12) {
-            scene.vertices[0].colour = Vec4::splat(0.5);
+            Arc::make_mut(&mut scene.vertices)[0].colour = Vec4::splat(0.5);
         }
         if self.has(13) {
-            scene.vertices[..3].iter_mut().for_each(|vertex| vertex.normal = Vec3::new(0.6, 0.0, 0.8));
+            Arc::make_mut(&mut scene.vertices)[..3]
+                .iter_mut()
+                .for_each(|vertex| vertex.normal = Vec3::new(0.6, 0.0, 0.8));
         }
         if self.has(37) {
             let sponge = include_str!("../../scenes/procedural/menger.wgsl");

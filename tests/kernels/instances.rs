@@ -1,6 +1,8 @@
 //! Rays through instances (`shaders/lib/{bvh,instance}.wgsl`) against a loop over all triangles in double
 //! precision.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec3, Mat3, Quat, Vec3, vec3};
 use kernel_kit::{Gpu, POISON, Resources, TableFormat, kernel_test};
 use penumbra::internal::bvh::Bvh;
@@ -19,7 +21,7 @@ fn scene(flat: &[Triangle], meshes: &[Vec<Triangle>], instances: Vec<Instance>) 
         for corners in triangles {
             let vertices = [0, 1, 2].map(|corner| scene.vertices.len() as u32 + corner);
             scene.triangles.push(penumbra::internal::scene::Triangle { vertices, material: 0, light: NO_LIGHT });
-            scene.vertices.extend(corners.map(|position| Vertex { position, ..Vertex::default() }));
+            Arc::make_mut(&mut scene.vertices).extend(corners.map(|position| Vertex { position, ..Vertex::default() }));
         }
         SharedMesh { triangles: first.0..scene.triangles.len(), vertices: first.1..scene.vertices.len() }
     };

@@ -2,6 +2,7 @@
 //! solid angles by Van Oosterom and Strackee, and statistics of the samplers.
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use kernel_kit::{Gpu, Resources, kernel_test};
@@ -29,7 +30,7 @@ pub fn scene(meshes: &[(Vec<Corners>, bool)], punctual: &[LightKind]) -> Scene {
     let mut scene = Scene { materials: vec![material(false), material(true)], ..Scene::default() };
     let mut push = |corners: &Corners, light: u32, material: u32| {
         let first = scene.vertices.len() as u32;
-        scene.vertices.extend(corners.map(|c| Vertex {
+        Arc::make_mut(&mut scene.vertices).extend(corners.map(|c| Vertex {
             position: c.as_vec3(),
             normal: Vec3::ZERO,
             tangent: Vec4::ZERO,

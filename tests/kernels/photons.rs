@@ -1,5 +1,7 @@
 //! Pass `photons` against a loop over all triangles along the same rays.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DQuat, DVec2, DVec3, Mat2, Vec2, Vec3, Vec4};
 use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::Settings;
@@ -53,7 +55,7 @@ fn scene(rectangles: &[(Rectangle, u32)], more: Vec<LightKind>) -> (Scene, Bvh) 
             ..material(true, Vec3::ZERO)
         });
         let texels = HOLES.map(|alpha| [255, 255, 255, alpha]).into();
-        scene.images = vec![TextureImage { name: String::new(), width: 4, height: 4, texels }];
+        scene.images = vec![TextureImage { name: String::new(), width: 4, height: 4, texels }].into();
         let (wrap, filter, space) = ([Wrap::Clamp; 2], Filter::Nearest, ColourSpace::Srgb);
         scene.textures = vec![Texture { image: 0, wrap, filter, space }];
     }
@@ -69,7 +71,7 @@ fn scene(rectangles: &[(Rectangle, u32)], more: Vec<LightKind>) -> (Scene, Bvh) 
             colour: Vec4::ONE,
             ..Vertex::default()
         };
-        scene.vertices.extend(corners[*at as usize].iter().zip(uvs).map(vertex));
+        Arc::make_mut(&mut scene.vertices).extend(corners[*at as usize].iter().zip(uvs).map(vertex));
         let material = materials[*at as usize];
         let light = if material == EMISSIVE { 0 } else { NO_LIGHT };
         scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material, light });

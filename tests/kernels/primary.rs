@@ -1,5 +1,7 @@
 //! Pass `primary` against f64 rays through the centres of pixels, and glTF's rules for the surfaces that they hit.
 
+use std::sync::Arc;
+
 use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
 use kernel_kit::{Gpu, POISON, TableFormat, kernel_test};
 use penumbra::internal::kernels::INVALID_POINT;
@@ -107,7 +109,7 @@ fn panels() -> Scene {
         height,
         texels: (0..width * height).map(|_| [(); 4].map(|()| (random.uniform() * 256.0) as u8)).collect(),
     };
-    scene.images = vec![image(5, 4), image(3, 7)];
+    scene.images = vec![image(5, 4), image(3, 7)].into();
     let texture = |image, wrap, filter| Texture { image, wrap, filter, space: ColourSpace::Srgb };
     scene.textures = vec![
         texture(0, [Wrap::Repeat, Wrap::Mirror], Filter::Linear),
@@ -117,7 +119,7 @@ fn panels() -> Scene {
     ];
     for triangle in scene.triangles.clone() {
         for vertex in triangle.vertices {
-            let vertex = &mut scene.vertices[vertex as usize];
+            let vertex = &mut Arc::make_mut(&mut scene.vertices)[vertex as usize];
             vertex.uv[0] = Vec2::new(random.uniform() as f32, random.uniform() as f32) * 3.0 - 1.0;
             if triangle.material == SPHERE {
                 vertex.normal = (vertex.position - Vec3::Z * 0.1).normalize();
@@ -644,12 +646,13 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs(gpu: &Gpu) {
         |texels: Vec<[u8; 4]>| TextureImage { name: String::new(), width: texels.len() as u32, height: 1, texels };
     // The first set of coordinates gives black, the second white.
     scene.images =
-        vec![image(vec![[0, 0, 0, 255], [255; 4]]), image(vec![[7, 100, 150, 255]]), image(vec![[170, 70, 210, 255]])];
+        vec![image(vec![[0, 0, 0, 255], [255; 4]]), image(vec![[7, 100, 150, 255]]), image(vec![[170, 70, 210, 255]])]
+            .into();
     let texture = |image, space| Texture { image, wrap: [Wrap::Clamp; 2], filter: Filter::Nearest, space };
     scene.textures =
         vec![texture(0, ColourSpace::Srgb), texture(1, ColourSpace::Linear), texture(2, ColourSpace::Linear)];
     let tangent = Vec4::new(0.6, 0.8, 0.0, -1.0);
-    for vertex in &mut scene.vertices {
+    for vertex in Arc::make_mut(&mut scene.vertices) {
         vertex.uv = [Vec2::new(0.2, 0.5), Vec2::new(0.8, 0.5)];
         vertex.tangent = tangent;
     }

@@ -2,6 +2,7 @@
 //! black triangles or shadows of its edges (Hanika 2021).
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, kernel_test};
@@ -29,7 +30,7 @@ fn ball(area_light: bool) -> Scene {
     let mut scene = if area_light { scene(&[ball, lamp], Vec::new()) } else { scene(&[ball], vec![point]) };
     for triangle in scene.triangles.iter().filter(|triangle| triangle.material == 0) {
         for vertex in triangle.vertices {
-            let vertex = &mut scene.vertices[vertex as usize];
+            let vertex = &mut Arc::make_mut(&mut scene.vertices)[vertex as usize];
             vertex.normal = vertex.position.normalize();
         }
     }

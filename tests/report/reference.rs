@@ -1,6 +1,7 @@
 //! The reference that a report makes, caches and continues.
 
 use std::fs;
+use std::sync::Arc;
 
 use penumbra::internal::render::film::Metadata;
 use penumbra::internal::report::metrics;
@@ -142,7 +143,7 @@ fn foreign_or_damaged_halves_are_refused() {
 fn another_scene_or_view_has_its_own_folder() {
     let scene = Box::load();
     let mut other = Box::load();
-    other.scene.vertices[0].position.x += 1e-6;
+    Arc::make_mut(&mut other.scene.vertices)[0].position.x += 1e-6;
     let mut turned = Box::load();
     turned.camera.position.y += 1e-6;
     let settings = Settings::default();

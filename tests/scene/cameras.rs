@@ -58,7 +58,7 @@ fn spans(scene: &Scene, camera: &Camera, aspect: f32) -> [[f32; 2]; 2] {
     let Projection::Perspective { yfov, .. } = camera.projection else { panic!("{camera:?}") };
     let [right, up, backward] = camera.axes;
     let mut spans = [[f32::MAX, f32::MIN]; 2];
-    for vertex in &scene.vertices {
+    for vertex in scene.vertices.iter() {
         let v = vertex.position - camera.position;
         let depth = -v.dot(backward);
         assert!(depth > camera.near, "{v} is clipped");
@@ -251,7 +251,7 @@ fn the_framing_camera_sees_every_corner() {
     let [right, up, backward] = camera.axes;
     assert!(right.cross(up).dot(backward) > 0.999, "a right-handed frame");
     assert!(backward.z > 0.0 && backward.y > 0.0, "from the front, from above");
-    for vertex in &scene.vertices {
+    for vertex in scene.vertices.iter() {
         let v = vertex.position - camera.position;
         let depth = -v.dot(backward);
         assert!(depth > camera.near);

@@ -71,14 +71,14 @@ fn normals_and_tangents_follow_the_joints_and_a_mirror_flips_the_winding() {
     file.json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(normals);
     file.json["meshes"][0]["primitives"][0]["attributes"]["TANGENT"] = json!(tangents);
     file.json["nodes"][1]["rotation"] = json!([0, std::f64::consts::FRAC_1_SQRT_2, 0, std::f64::consts::FRAC_1_SQRT_2]);
-    for vertex in file.load().vertices {
+    for vertex in file.load().vertices.iter() {
         assert!((vertex.normal - Vec3::X).length() < 1e-6, "{}", vertex.normal);
         assert!((vertex.tangent - Vec4::new(0.0, 0.0, -1.0, 1.0)).length() < 1e-6, "{}", vertex.tangent);
     }
     file.json["nodes"][1] = json!({ "children": [2], "scale": [-1, 1, 1] });
     let scene = file.load();
     assert_corners(&scene, [[0., 0., 0.], [-2., 2., 0.], [0., 4., 0.]]);
-    for vertex in &scene.vertices {
+    for vertex in scene.vertices.iter() {
         assert_eq!((vertex.normal, vertex.tangent), (Vec3::Z, Vec4::new(-1.0, 0.0, 0.0, -1.0)));
     }
 }
@@ -194,7 +194,7 @@ fn targets_displace_positions_normals_and_tangents() {
     assert_corners(&scene, [[0.5, 0., 0.], [4., 0.5, 0.], [0., 2., 1.]]);
     // (0, 0, 1) + (1, 0, 0) / 2 and (1, 0, 0) - (0, 0, 1) / 2, of unit length; the handedness stays.
     let (normal, tangent) = (Vec3::new(0.5, 0.0, 1.0).normalize(), Vec3::new(1.0, 0.0, -0.5).normalize());
-    for vertex in &scene.vertices {
+    for vertex in scene.vertices.iter() {
         assert!((vertex.normal - normal).length() < 1e-6, "{}", vertex.normal);
         assert!((vertex.tangent - tangent.extend(-1.0)).length() < 1e-6, "{}", vertex.tangent);
     }

@@ -141,7 +141,7 @@ fn shading_normals_stay_on_the_front() {
         file.mesh(&[[0., 0., 0.], [0., 0., 4.], [4., -4., 0.]], json!({ "attributes": { "NORMAL": normals } }));
         file.json["nodes"][0]["scale"] = json!(scale);
         let scene = file.load();
-        for vertex in &scene.vertices {
+        for vertex in scene.vertices.iter() {
             // Rounding of three f32 components.
             assert!((vertex.normal - expected).length() < 1e-6, "scale {scale:?} gives {}", vertex.normal);
         }

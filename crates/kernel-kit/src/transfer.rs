@@ -1,10 +1,16 @@
 //! Making buffers and tables, and reading them back.
 
+use std::borrow::Cow;
+
 use bytemuck::{Pod, Zeroable};
 
 use crate::buffer::{Buffer, EMPTY_BYTES, KernelTable, MIN_BYTES, POISON, TABLE_WIDTH, Table, TableFormat, table_rows};
 use crate::device::Gpu;
 use crate::error::{Error, Result, one_line};
+
+/// Rows of a table that are uploaded at once: 64 MiB. Larger tables are uploaded in parts, so that few bytes are in
+/// memory twice.
+const UPLOADED_ROWS: u32 = 1024;
 
 impl Gpu {
     /// A zeroed buffer for `count` values of `T` (room for at least one).
@@ -123,14 +129,34 @@ impl Gpu {
     /// As [`Gpu::table`].
     pub fn texture_table<T: Pod>(&self, label: &str, records: &[[T; 4]], format: TableFormat) -> Result<Table> {
         let texture = self.table_texture(label, records.len(), format)?;
-        let mut padded = bytemuck::cast_slice::<_, u8>(records).to_vec();
-        padded.resize((texture.height() * TABLE_WIDTH * 16) as usize, 0);
-        self.queue.write_texture(
-            texture.as_image_copy(),
-            &padded,
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(TABLE_WIDTH * 16), rows_per_image: None },
-            texture.size(),
-        );
+        const ROW_BYTES: usize = TABLE_WIDTH as usize * 16;
+        let bytes: &[u8] = bytemuck::cast_slice(records);
+        for first in (0..texture.height()).step_by(UPLOADED_ROWS as usize) {
+            let height = UPLOADED_ROWS.min(texture.height() - first);
+            let begin = first as usize * ROW_BYTES;
+            let end = begin + height as usize * ROW_BYTES;
+            // The last rows, of which some may be empty.
+            let padded = || {
+                let mut rest = bytes[begin.min(bytes.len())..].to_vec();
+                rest.resize(end - begin, 0);
+                Cow::Owned(rest)
+            };
+            let part = bytes.get(begin..end).map_or_else(padded, Cow::Borrowed);
+            self.queue.write_texture(
+                wgpu::TexelCopyTextureInfo {
+                    origin: wgpu::Origin3d { y: first, ..Default::default() },
+                    ..texture.as_image_copy()
+                },
+                &part,
+                wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(ROW_BYTES as u32), rows_per_image: None },
+                wgpu::Extent3d { height, ..texture.size() },
+            );
+            if texture.height() > UPLOADED_ROWS {
+                // wgpu keeps its copy of the part until the device has it.
+                self.queue.submit([]);
+                self.wait(label)?;
+            }
+        }
         Ok(Table::Texture(texture.create_view(&Default::default())))
     }
 

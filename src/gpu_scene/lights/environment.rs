@@ -3,12 +3,12 @@
 use std::f64::consts::PI;
 
 use super::layout::{self, Emission, LightInfo, Packed, bits, texels};
-use crate::gpu_scene::bounds::bounding_sphere;
+use crate::gpu_scene::bounds::bounding_sphere_of_scene;
 use crate::scene::Scene;
 
 /// `irradiance` is the integral of the panorama's radiance, mean of the three channels, over solid angle.
 pub(super) fn pack(scene: &Scene, irradiance: f64) -> Packed {
-    let (centre, radius) = bounding_sphere(scene.placed_vertices());
+    let (centre, radius) = bounding_sphere_of_scene(scene.placed_vertices());
     Packed {
         texels: texels([
             (layout::KIND_TEXEL, [layout::ENVIRONMENT, 0, 0, 0]),
