@@ -132,7 +132,7 @@ fn check_scene(scene: &Scene) {
         assert!(material.texture_infos().all(|info| (info.texture as usize) < scene.textures.len()));
     }
     assert!(scene.textures.iter().all(|texture| (texture.image as usize) < scene.images.len()));
-    for image in &scene.images {
+    for image in scene.images.iter() {
         assert_eq!(image.texels.len(), image.width as usize * image.height as usize);
     }
     for light in &scene.lights {

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use crate::Result;
 use crate::kernels::scene_texels::ENVIRONMENT_HEADER;
 use crate::scene::Panorama;
+use crate::scene::mip::covered;
 
 /// Maximum number of cells along the width, and along the height without one extra row: a table of 2 MiB, searched in
 /// twenty steps.
@@ -80,14 +81,6 @@ fn fitting(panorama: &Panorama, max_texels: u64) -> Cow<'_, Panorama> {
         }
     });
     Cow::Owned(Panorama { width: columns, height: rows, texels })
-}
-
-/// The texels out of `size` that the `i`-th of `count` equal parts covers, each with the covered interval.
-fn covered(i: usize, count: u32, size: u32) -> impl Iterator<Item = (usize, [f64; 2])> {
-    let end = |i: usize| i as f64 * f64::from(size) / f64::from(count);
-    let (low, high) = (end(i), end(i + 1));
-    let texels = low as usize..(high.ceil() as usize).min(size as usize);
-    texels.map(move |k| (k, [low.max(k as f64), high.min(k as f64 + 1.0)])).filter(|(_, [a, b])| b > a)
 }
 
 struct EnvironmentTexels {

@@ -147,7 +147,8 @@ fn materials(
     loop {
         let materials = material::read(root, &encoded, notes)?;
         let mut images = Vec::with_capacity(materials.images.len());
-        for (shown, image) in materials.images.iter().zip(images::decode(&encoded, &materials.images)?) {
+        let used = materials.images_in_spaces();
+        for ((shown, _), image) in used.iter().zip(images::decode_textures(&encoded, &used, notes)?) {
             match image {
                 Ok(image) => images.push(image),
                 Err(error) if options.lenient => encoded[shown.image].leave_out(&error, notes),

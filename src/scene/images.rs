@@ -9,15 +9,18 @@ use super::accessor::Views;
 use super::container::{Bytes, Resources};
 use super::json::Json;
 use super::ktx2::{self, Ktx2};
+use super::mip;
 use super::notes::Notes;
-use super::texture::{Filter, TextureImage, Wrap};
+use super::texture::{ColourSpace, Filter, TextureImage, Wrap};
 use crate::input::{MAX_FILE_BYTES, Picture, printable};
 use crate::{Error, Result};
 
 /// Maximum side of an image in texels, the common texture limit of graphics devices.
 const MAX_SIDE: u32 = 16384;
-/// Maximum number of texels of all images together: 1 GiB of RGBA8.
+/// Maximum number of texels of all images together: 1 GiB of RGBA8. If there are more, the largest images are reduced.
 const MAX_TEXELS: u64 = 1 << 28;
+/// Maximum number of texels of all images before they are reduced: some twenty seconds of decoding.
+const MAX_DECODED_TEXELS: u64 = 1 << 31;
 
 /// A format that can be decoded.
 #[derive(Clone, Copy, PartialEq)]
@@ -249,17 +252,50 @@ pub(super) fn read_images<'a>(
 
 /// Decodes the images that are `used` in parallel. The inner errors are those of single images.
 pub(super) fn decode(images: &[Encoded], used: &[Use]) -> Result<Vec<Result<TextureImage>>> {
+    check_texels(images, used.iter(), MAX_TEXELS)?;
+    Ok(used.par_iter().map(|shown| images[shown.image].decode(shown.form)).collect())
+}
+
+/// As [`decode`], of images of textures: where they have too many texels together, the largest are reduced, in their
+/// colour spaces.
+pub(super) fn decode_textures(
+    images: &[Encoded],
+    used: &[(Use, ColourSpace)],
+    notes: &mut Notes,
+) -> Result<Vec<Result<TextureImage>>> {
+    let total = check_texels(images, used.iter().map(|(shown, _)| shown), MAX_DECODED_TEXELS)?;
+    let sizes: Vec<_> = used.iter().map(|(shown, _)| images[shown.image].size().unwrap_or([1, 1])).collect();
+    let levels = mip::levels(&sizes, MAX_TEXELS);
+    let decode = |((shown, space), level): (&(Use, ColourSpace), &u32)| {
+        images[shown.image].decode(shown.form).map(|image| image.at_level(*level, *space))
+    };
+    let decoded: Vec<Result<_>> = used.par_iter().zip(&levels).map(decode).collect();
+    let reduced = levels.iter().filter(|level| **level > 0).count();
+    // Where one is damaged, an error follows, or another attempt without it.
+    if reduced > 0 && decoded.iter().all(Result::is_ok) {
+        let smallest = 1u64 << levels.iter().max().expect("some are reduced");
+        notes.push(format!(
+            "the images of textures have {total} texels in total, more than {MAX_TEXELS}: {reduced} of {} are reduced, \
+             to 1/{smallest} of their width and height at most",
+            used.len()
+        ));
+    }
+    Ok(decoded)
+}
+
+/// The number of texels of the images that are `used`, each of which must have a side that devices take.
+fn check_texels<'u>(images: &[Encoded], used: impl Iterator<Item = &'u Use>, max: u64) -> Result<u64> {
     let mut total = 0;
-    for image in used.iter().map(|shown| &images[shown.image]) {
-        let Content::Known(_, [width, height]) = image.content else { continue };
+    for image in used.map(|shown| &images[shown.image]) {
+        let Some([width, height]) = image.size() else { continue };
         total += u64::from(width) * u64::from(height);
-        if width.max(height) > MAX_SIDE || total > MAX_TEXELS {
+        if width.max(height) > MAX_SIDE || total > max {
             return Err(image.json.error(format!(
-                "{width} x {height} texels: the maximum is {MAX_SIDE} per side and {MAX_TEXELS} in all images"
+                "{width} x {height} texels: the maximum is {MAX_SIDE} per side and {max} in all images"
             )));
         }
     }
-    Ok(used.par_iter().map(|shown| images[shown.image].decode(shown.form)).collect())
+    Ok(total)
 }
 
 /// Wrap modes and filter of a sampler. The default is to repeat with a linear filter.

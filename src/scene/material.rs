@@ -339,6 +339,17 @@ pub(super) struct Materials {
     pub images: Vec<Use>,
 }
 
+impl Materials {
+    /// The images, and the colour spaces that they are shown in: sRGB for one that is shown in both.
+    pub fn images_in_spaces(&self) -> Vec<(Use, ColourSpace)> {
+        let mut used: Vec<_> = self.images.iter().map(|shown| (*shown, ColourSpace::Linear)).collect();
+        for texture in self.textures.iter().filter(|texture| texture.space == ColourSpace::Srgb) {
+            used[texture.image as usize].1 = ColourSpace::Srgb;
+        }
+        used
+    }
+}
+
 struct Reader<'r, 'a> {
     textures: &'r [Json<'a>],
     samplers: &'r [Json<'a>],

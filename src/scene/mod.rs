@@ -34,6 +34,7 @@ mod look_at;
 mod material;
 mod mesh;
 mod meshopt;
+pub(crate) mod mip;
 mod morph;
 mod node;
 pub(crate) mod normalisation;

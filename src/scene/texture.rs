@@ -101,7 +101,7 @@ impl Wrap {
 
 impl TextureImage {
     /// The texel at column `texel[0]` and row `texel[1]`, decoded to linear RGBA.
-    fn linear(&self, texel: [u32; 2], space: ColourSpace) -> Vec4 {
+    pub(super) fn linear(&self, texel: [u32; 2], space: ColourSpace) -> Vec4 {
         let index = texel[1] as usize * self.width as usize + texel[0] as usize;
         let [r, g, b, a] = self.texels[index];
         let plain = |byte: u8| f32::from(byte) / 255.0;
@@ -110,6 +110,21 @@ impl TextureImage {
             ColourSpace::Srgb => SRGB_TO_LINEAR[byte as usize],
         };
         Vec4::new(colour(r), colour(g), colour(b), plain(a))
+    }
+
+    /// The texel whose linear RGBA is nearest to `linear`.
+    pub(super) fn coded(linear: Vec4, space: ColourSpace) -> [u8; 4] {
+        let plain = |value: f32| (value * 255.0).round() as u8;
+        let colour = |value: f32| match space {
+            ColourSpace::Linear => plain(value),
+            ColourSpace::Srgb => {
+                let above = SRGB_TO_LINEAR.partition_point(|code| *code < value).clamp(1, 255);
+                let [low, high] = [above - 1, above].map(|code| SRGB_TO_LINEAR[code]);
+                (if value - low < high - value { above - 1 } else { above }) as u8
+            }
+        };
+        let [r, g, b, a] = linear.to_array();
+        [colour(r), colour(g), colour(b), plain(a)]
     }
 
     /// The radiance of a texel that is coded as RGBD: sRGB colour, divided by alpha, of which 0 counts as 1/255. An

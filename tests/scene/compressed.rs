@@ -162,7 +162,7 @@ fn filters_of_meshopt() {
         json!({ "bufferView": 0, "componentType": 5122, "normalized": true, "type": "VEC3", "count": normals.len() });
     let decoded = file.load();
     assert!(scene.triangles == decoded.triangles);
-    for (a, b) in scene.vertices.iter().zip(&decoded.vertices) {
+    for (a, b) in scene.vertices.iter().zip(decoded.vertices.iter()) {
         assert_eq!(a.position, b.position);
         // Two coordinates of 12 bits, each off by half a unit of 1/2047, and at most twice that on the sphere.
         assert!(a.normal.distance(b.normal) < 2e-3, "{} {}", a.normal, b.normal);

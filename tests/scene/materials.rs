@@ -443,3 +443,38 @@ fn volumes_within_volumes() {
     open.mesh(&cube([0.0, 0.0, -4.0], 0.0), json!({ "material": 1 }));
     assert!(open.load().materials.iter().all(|material| material.medium.is_none()));
 }
+
+/// More texels than devices take: the largest image has half of its width and height, and a note says so. Twice as many
+/// again are refused, as their decoding would take minutes.
+#[test]
+fn images_with_too_many_texels_are_reduced() {
+    const SIDE: u32 = 16384;
+    // One bit a texel: the left half is white.
+    let row: Vec<u8> = (0..SIDE / 8).map(|byte| if byte < SIDE / 16 { 255 } else { 0 }).collect();
+    let mut large = Vec::new();
+    let mut encoder = png::Encoder::new(&mut large, SIDE, SIDE);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::One);
+    encoder.write_header().unwrap().write_image_data(&row.repeat(SIDE as usize)).unwrap();
+    let of_images = |count: usize| {
+        let mut file = File::triangle();
+        let coordinates = file.floats(&[[0f32, 0.]; 3]);
+        file.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = json!(coordinates);
+        for i in 0..count {
+            let view = if i == 0 { file.view(&crate::builder::png(1, 1, &[[7; 4]])) } else { file.view(&large) };
+            file.add("images", json!({ "bufferView": view }));
+            file.add("textures", json!({ "source": i }));
+            file.add("materials", json!({ "emissiveTexture": { "index": i } }));
+        }
+        file
+    };
+    let scene = of_images(2).load();
+    let sizes: Vec<_> = scene.images.iter().map(|image| [image.width, image.height]).collect();
+    assert_eq!(sizes, [[1, 1], [SIDE / 2; 2]]);
+    let (white, black) = scene.images[1].texels[..SIDE as usize / 2].split_at(SIDE as usize / 4);
+    assert!(white.iter().all(|texel| *texel == [255; 4]) && black.iter().all(|texel| *texel == [0, 0, 0, 255]));
+    let note = "268435457 texels in total, more than 268435456: 1 of 2 are reduced, to 1/2 of their width and height";
+    assert!(scene.notes.iter().any(|line| line.contains(note)), "{:?}", scene.notes);
+    // 2^31 texels are eight of them.
+    assert_eq!(refused_at(&of_images(9)), "/images/8");
+}
