@@ -203,6 +203,29 @@ fn what_kernels_write_is_read_as_a_table(gpu: &Gpu) {
     assert_eq!(gpu.read::<u32>(&copies, 0).unwrap(), []);
 }
 
+/// A table that is larger than what is uploaded at once (1024 rows) has each record in its place.
+#[kernel_test]
+fn large_tables_are_uploaded_whole(gpu: &Gpu) {
+    let composed = Composer::new().compose_source("look_up", LOOK_UP, &device_features(gpu)).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+    let part = 1024 * TABLE_WIDTH;
+    for count in [part - 1, part, part + 1, part + TABLE_WIDTH + 5] {
+        let records: Vec<[u32; 4]> = (0..count).map(|i| [i + 1, !i, i ^ 0x5555, 7]).collect();
+        let table = gpu.table("test/table", &records, TableFormat::Uint).unwrap();
+        let copies = gpu.poisoned::<[u32; 4]>("test/copies", count as usize).unwrap();
+        let sets = Resources::new().with("table", &table).with("copies", &copies);
+        let bound = kernel.bind(gpu, "look_up", &[&sets]).unwrap();
+        let mut frame = gpu.frame("test");
+        frame.run(&bound, count, &count);
+        frame.submit().unwrap();
+        let read = gpu.read::<[u32; 4]>(&copies, count as usize).unwrap();
+        let wrong = read.iter().zip(&records).position(|(a, b)| a != b);
+        assert_eq!(wrong, None, "of {count} records");
+        let differs = read.iter().zip(&records[1..]).any(|(a, b)| a != b);
+        assert!(differs, "records in other places are not found");
+    }
+}
+
 /// Only the published records of a kernel's table are read anew: the rest of the last row is as it was.
 #[kernel_test]
 fn as_many_records_as_are_published_are_read(gpu: &Gpu) {
@@ -296,14 +319,18 @@ fn sum(
 }";
 
 const LOOK_UP: &str = "
-import package::kit::{TABLE_WIDTH, TABLE_WIDTH_LOG2};
+import package::kit::{TABLE_WIDTH, TABLE_WIDTH_LOG2, group_index};
 @if(texture_loads) @group(0) @binding(0) var table: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(0) @binding(0) var<storage, read> table: array<vec4u>;
 @group(0) @binding(1) var<storage, read_write> copies: array<vec4u>;
 var<immediate> count: u32;
 @compute @workgroup_size(64)
-fn look_up(@builtin(global_invocation_id) id: vec3u) {
-    let i = id.x;
+fn look_up(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
     if i >= count { return; }
     @if(texture_loads) { copies[i] = textureLoad(table, vec2u(i & (TABLE_WIDTH - 1u), i >> TABLE_WIDTH_LOG2)); }
     @if(!texture_loads) { copies[i] = table[i]; }
