@@ -205,7 +205,7 @@ fn what_kernels_write_is_read_as_a_table(gpu: &Gpu) {
 
 /// A table that is larger than what is uploaded at once (1024 rows) has each record in its place.
 #[kernel_test]
-fn large_tables_are_uploaded_whole(gpu: &Gpu) {
+fn a_large_table_is_uploaded_whole(gpu: &Gpu) {
     let composed = Composer::new().compose_source("look_up", LOOK_UP, &device_features(gpu)).unwrap();
     let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
     let part = 1024 * TABLE_WIDTH;
