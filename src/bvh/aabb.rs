@@ -15,11 +15,13 @@ impl Aabb {
     /// The empty box, which is the neutral element of [`union`](Self::union).
     pub const EMPTY: Aabb = Aabb { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
-    pub(super) fn of(triangle: &[Vec3; 3]) -> Aabb {
+    /// The box of a triangle.
+    pub fn of(triangle: &[Vec3; 3]) -> Aabb {
         triangle.iter().fold(Aabb::EMPTY, |all, corner| all.extended(*corner))
     }
 
-    pub(super) fn extended(&self, point: Vec3) -> Aabb {
+    /// The smallest box that contains the box and the point.
+    pub fn extended(&self, point: Vec3) -> Aabb {
         Aabb { min: self.min.min(point), max: self.max.max(point) }
     }
 

@@ -4,6 +4,7 @@ use glam::Vec3;
 use kernel_kit::Gpu;
 use rayon::prelude::*;
 
+use crate::bvh::Aabb;
 use crate::gpu_scene::GpuScene;
 use crate::passes::TileBuffers;
 use crate::passes::photons::Traced;
@@ -44,22 +45,21 @@ pub(crate) fn photons_by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhoto
 pub(crate) fn extent(scene: &Scene) -> ((Vec3, Vec3), f32) {
     // Sums of a fixed number of triangles, so that the number of threads changes no bit.
     const ADDED: usize = 1 << 16;
-    type Extent = ((Vec3, Vec3), f64);
-    let nothing = || ((Vec3::INFINITY, Vec3::NEG_INFINITY), 0.0);
-    let with = |((low, high), area): Extent, [a, b, c]: [Vec3; 3]| {
-        let bounds = (low.min(a).min(b).min(c), high.max(a).max(b).max(c));
-        (bounds, area + f64::from((b - a).cross(c - a).length()) * 0.5)
+    let with = |(bounds, area): (Aabb, f64), [a, b, c]: [Vec3; 3]| {
+        let triangle_area = f64::from((b - a).cross(c - a).length()) * 0.5;
+        (bounds.union(&Aabb::of(&[a, b, c])), area + triangle_area)
     };
     let flat = scene.flat_triangles();
-    let part =
-        |first: usize| (first..flat.min(first + ADDED)).map(|i| scene.triangle_positions(i)).fold(nothing(), with);
-    let parts: Vec<Extent> = (0..flat.div_ceil(ADDED)).into_par_iter().map(|number| part(number * ADDED)).collect();
-    let joined = |a: Extent, b: Extent| ((a.0.0.min(b.0.0), a.0.1.max(b.0.1)), a.1 + b.1);
-    let of_flat = parts.into_iter().fold(nothing(), joined);
-    let (mut bounds, mut area) = scene.instance_triangles().fold(of_flat, |extent, (_, corners)| with(extent, corners));
+    let part = |number: usize| {
+        let triangles = number * ADDED..flat.min((number + 1) * ADDED);
+        triangles.map(|index| scene.triangle_positions(index)).fold((Aabb::EMPTY, 0.0), with)
+    };
+    let parts: Vec<_> = (0..flat.div_ceil(ADDED)).into_par_iter().map(part).collect();
+    let of_flat = parts.iter().fold((Aabb::EMPTY, 0.0), |all, part| (all.0.union(&part.0), all.1 + part.1));
+    let (mut bounds, mut area) = scene.instance_triangles().fold(of_flat, |all, (_, corners)| with(all, corners));
     for object in &scene.procedurals {
-        bounds = object.corners().iter().fold(bounds, |(low, high), p| (low.min(*p), high.max(*p)));
+        bounds = object.corners().into_iter().fold(bounds, |all, corner| all.extended(corner));
         area += f64::from(object.box_area());
     }
-    (bounds, area as f32)
+    ((bounds.min, bounds.max), area as f32)
 }

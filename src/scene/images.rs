@@ -19,7 +19,8 @@ use crate::{Error, Result};
 const MAX_SIDE: u32 = 16384;
 /// Maximum number of texels of all images together: 1 GiB of RGBA8. If there are more, the largest images are reduced.
 const MAX_TEXELS: u64 = 1 << 28;
-/// Maximum number of texels of all images before they are reduced: some twenty seconds of decoding.
+/// Maximum number of texels of all images before they are reduced. A PNG file of one bit a texel with as many, 1.5 MB,
+/// took 42 s on two cores.
 const MAX_DECODED_TEXELS: u64 = 1 << 31;
 
 /// A format that can be decoded.

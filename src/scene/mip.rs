@@ -1,5 +1,8 @@
 //! Smaller levels of images, for scenes whose images have more texels than devices take.
 
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
 use glam::Vec4;
 use rayon::prelude::*;
 
@@ -10,17 +13,16 @@ use super::texture::{ColourSpace, TextureImage};
 pub(super) fn levels(sizes: &[[u32; 2]], max: u64) -> Vec<u32> {
     let texels = |size: [u32; 2], level: u32| level_size(size, level).map(u64::from).iter().product::<u64>();
     let mut levels = vec![0; sizes.len()];
-    // By texels; the first of equals comes first, so that the result does not depend on the heap.
-    let mut largest: std::collections::BinaryHeap<_> =
-        sizes.iter().enumerate().map(|(i, size)| (texels(*size, 0), std::cmp::Reverse(i))).collect();
+    // Images of equal size are reduced in the order of the file.
+    let mut largest: BinaryHeap<_> = sizes.iter().enumerate().map(|(i, size)| (texels(*size, 0), Reverse(i))).collect();
     let mut total: u64 = largest.iter().map(|(texels, _)| texels).sum();
     while total > max
-        && let Some((before, index)) = largest.pop().filter(|(texels, _)| *texels > 1)
+        && let Some((before, Reverse(index))) = largest.pop().filter(|(texels, _)| *texels > 1)
     {
-        levels[index.0] += 1;
-        let after = texels(sizes[index.0], levels[index.0]);
+        levels[index] += 1;
+        let after = texels(sizes[index], levels[index]);
         total -= before - after;
-        largest.push((after, index));
+        largest.push((after, Reverse(index)));
     }
     levels
 }

@@ -444,8 +444,8 @@ fn volumes_within_volumes() {
     assert!(open.load().materials.iter().all(|material| material.medium.is_none()));
 }
 
-/// More texels than devices take: the largest image has half of its width and height, and a note says so. Twice as many
-/// again are refused, as their decoding would take minutes.
+/// More texels than devices take: the largest image has half of its width and height, and a note says so. Beyond 2^31
+/// texels a file is refused before anything is decoded.
 #[test]
 fn images_with_too_many_texels_are_reduced() {
     const SIDE: u32 = 16384;
