@@ -61,8 +61,6 @@ struct ShadeParameters {
 
 var<immediate> parameters: ShadeParameters;
 
-@if(few_sampled) var<workgroup> group_sampled: atomic<u32>;
-
 // The state of a point that all its lights share.
 struct ShadingPoint {
     position: vec3f,
@@ -141,12 +139,17 @@ fn given(shading: ShadingPoint, light: u32, word: u32) -> Given {
     // is left to noise. A visibility in between would leave some at all of them: near a wall of a dark room, the noise
     // of the light behind it.
     if traced { visibility = round(visibility); }
-    @if(closed_forms) var closed = light_has_closed_form(light);
-    // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
-    @if(closed_forms && (smooth_normals || normal_maps)) {
-        closed = closed && (shading.flat || light_dark(light, shading.position, -shading.surface.geometric_normal));
+    var closed = false;
+    @if(closed_forms) {
+        // Without visible light there is nothing for a closed form to tell.
+        if visibility > 0.0 { closed = light_has_closed_form(light); }
+        // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
+        @if(smooth_normals || normal_maps) {
+            if closed && !shading.flat {
+                closed = light_dark(light, shading.position, -shading.surface.geometric_normal);
+            }
+        }
     }
-    @if(!closed_forms) let closed = false;
     var deferred = traced;
     @if(!sampled_forms) { deferred = deferred || !closed; }
     return Given(visibility, traced, closed, deferred);
@@ -312,8 +315,8 @@ fn shade(
     if i >= parameters.tile.point_count { return; }
     @if(!few_sampled) { _ = shade_point(i, Terms(true, true)); }
     @if(few_sampled) let others = shade_point(i, Terms(true, false));
-    // One by one: few points have others. Workgroups that took their places together, behind barriers, would cost a
-    // fifth of the pass on software devices.
+    // One by one: workgroups that took their places together, behind barriers, would cost a fifth of the pass on
+    // software devices.
     @if(few_sampled) { if others { sampled_points[atomicAdd(&queue_lengths[QUEUE_SAMPLED], 1u)] = i; } }
 }
 
@@ -328,13 +331,8 @@ fn shade_sampled(
 ) {
     let item = group_index(group, groups) * 64u + lane;
     let at_once = parameters.at_once != 0u;
-    if lane == 0u { atomicStore(&group_sampled, 0u); }
-    workgroupBarrier();
-    if item < select(atomicLoad(&queue_lengths[QUEUE_SAMPLED]), parameters.tile.point_count, at_once) {
-        var i = item;
-        if !at_once { i = sampled_points[item]; }
-        if shade_point(i, Terms(at_once, true)) { atomicAdd(&group_sampled, 1u); }
-    }
-    workgroupBarrier();
-    if lane == 0u { atomicAdd(&counters[COUNTER_SAMPLED], atomicLoad(&group_sampled)); }
+    if item >= select(atomicLoad(&queue_lengths[QUEUE_SAMPLED]), parameters.tile.point_count, at_once) { return; }
+    var i = item;
+    if !at_once { i = sampled_points[item]; }
+    if shade_point(i, Terms(at_once, true)) { atomicAdd(&counters[COUNTER_SAMPLED], 1u); }
 }

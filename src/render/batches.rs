@@ -65,7 +65,7 @@ impl Renderer<'_> {
         if let Some(sums) = &mut self.piece_sums {
             sums.begin(SampleRange { first: first_sample, end: first_sample + layers });
         }
-        let sampled = self.totals.get(Counter::Sampled);
+        let (counted, sampled) = (self.totals.points(), self.totals.get(Counter::Sampled));
         let mut points = 0;
         for tile in 0..self.tiles.len() {
             points += self.render_tile(tile, first_sample, layers, batch.as_ref())?;
@@ -80,6 +80,9 @@ impl Renderer<'_> {
         self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, points);
         self.count_procedural_misses()?;
         self.totals.check()?;
+        self.totals.time_render += start.elapsed().as_secs_f64();
+        self.end_trial(&counted)?;
+        let start = Instant::now();
         self.keep()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
         Ok(self.progress())

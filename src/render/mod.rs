@@ -24,6 +24,7 @@ mod renderer;
 mod resume;
 mod stages;
 mod tiles;
+mod trial;
 
 pub use batches::Progress;
 pub use checkpoint::Checkpoint;

@@ -65,6 +65,8 @@ pub struct Renderer<'g> {
     pub(super) blocks: Option<Blocks>,
     /// See [`crate::passes::shade::ShadeParameters::at_once`].
     pub(super) shade_at_once: bool,
+    /// Photons of visibility decided too few points in the first samples: see [`Renderer::end_trial`].
+    pub(super) has_left_out_photons: bool,
     /// Calls of [`Renderer::render_batch`] so far.
     pub(super) batches: u32,
     pub(super) totals: Totals,
@@ -134,6 +136,7 @@ impl<'g> Renderer<'g> {
             samples: 0,
             blocks: settings.image.noise.map(|_| Blocks::new(&settings.image)),
             shade_at_once,
+            has_left_out_photons: false,
             piece_sums,
             batches: 0,
             totals,

@@ -7,6 +7,7 @@ use super::checkpoint::{Checkpoint, Header};
 use super::renderer::Renderer;
 use crate::light_transport::shared::Shared;
 use crate::light_transport::visibility_map::MapState;
+use crate::specialisation::features::Feature;
 use crate::{Error, Result};
 
 impl Renderer<'_> {
@@ -47,6 +48,7 @@ impl Renderer<'_> {
             blocks: self.blocks.clone(),
             batches: self.batches,
             shade_at_once: self.shade_at_once,
+            has_left_out_photons: self.has_left_out_photons,
             totals: self.totals.clone(),
             added: map.added.len(),
             left: map.left,
@@ -98,6 +100,12 @@ impl Renderer<'_> {
             let (state, others) = rest.split_at_checked(plane.state_words()).ok_or_else(damaged)?;
             plane.restore(self.gpu, state);
             rest = others;
+        }
+        if header.has_left_out_photons {
+            if !self.specialisation.features.has(Feature::FineCells) {
+                return Err(damaged());
+            }
+            self.leave_out_photons()?;
         }
         let map = MapState::from_words(rest, header.added, header.left).ok_or_else(damaged)?;
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);

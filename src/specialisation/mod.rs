@@ -104,6 +104,15 @@ impl Specialisation {
         );
     }
 
+    /// These decisions, with those on [`Deferred`] features that another specialisation of the same scene on the same
+    /// device made.
+    pub(crate) fn with_deferred_of(mut self, other: &Specialisation) -> Specialisation {
+        for Deferred { feature, .. } in Deferred::ALL {
+            self.features.set(*feature, other.features.has(*feature));
+        }
+        self
+    }
+
     /// Decides what depends on the device and the hierarchy. A plan opens no device and builds no hierarchy.
     pub(crate) fn of_device(&mut self, gpu: &Gpu, scene: &Scene, bvh: &Bvh) {
         self.features = device_features(gpu, std::mem::take(&mut self.features));

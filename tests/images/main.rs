@@ -28,3 +28,4 @@ mod smooth;
 mod table;
 mod table1;
 mod transmitted;
+mod trial;

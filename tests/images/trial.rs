@@ -1,0 +1,99 @@
+//! The trial of visibility photons in the first samples of a render that did not ask for them.
+
+use glam::DVec3;
+use penumbra::internal::scene::{Camera, Material, Scene};
+use penumbra::{Aov, Renderer, Settings, Technique};
+
+use crate::meshes::{camera, scene, square, surface};
+use crate::setup::{deviation, gpu, mean_and_error};
+
+/// A floor under a wide lamp, of which slats hide a part. With many slats every point is in their penumbrae.
+fn slats(number: u32) -> Scene {
+    let mut boards = Vec::new();
+    for i in 0..number {
+        let x = 3.0 * (f64::from(i) + 0.5) / f64::from(number) - 1.5;
+        boards.extend(square(DVec3::new(x, 1.0, 0.0), DVec3::X * (0.6 / f64::from(number)), -DVec3::Z * 1.5));
+    }
+    let meshes = [
+        (square(DVec3::ZERO, DVec3::X, -DVec3::Z), surface(0.6, 0.0)),
+        (boards, Material { double_sided: true, ..surface(0.0, 0.0) }),
+        (square(DVec3::Y * 2.0, DVec3::X * 0.8, DVec3::Z * 0.8), surface(0.0, 5.0)),
+    ];
+    scene(&meshes, Vec::new())
+}
+
+/// From below the slats.
+fn view() -> Camera {
+    camera(DVec3::new(0.0, 0.8, 0.9), DVec3::new(0.0, -0.8, -0.9), 0.5)
+}
+
+/// Enough samples for photons to be tried.
+fn settings(technique: Technique) -> Settings {
+    Settings::default().with(|s| {
+        s.technique = technique;
+        (s.image.width, s.image.height, s.image.spp) = (128, 128, 40);
+        s.indirect.max_bounces = 0;
+        s.image.aovs = vec![Aov::Variance];
+    })
+}
+
+fn renderer(slat_number: u32, settings: &Settings) -> Renderer<'static> {
+    Renderer::new(gpu(), slats(slat_number), &view(), settings).unwrap()
+}
+
+fn has_photons(renderer: &Renderer<'_>) -> bool {
+    renderer.specialisation().kept.iter().any(|item| item.name() == "visibility_map")
+}
+
+fn render_to(renderer: &mut Renderer<'_>, samples: u32) {
+    while renderer.samples() < samples {
+        renderer.render_batch().unwrap();
+    }
+}
+
+/// Photons that decide hardly a point are asked for four samples; the others trace all shadow rays. The mean stays that
+/// of `two-pass`, within three standard errors. Where photons decide, or were asked for, they stay.
+#[test]
+fn photons_that_decide_little_are_left_out() {
+    let mut few = renderer(24, &settings(Technique::SHADOW_PHOTONS));
+    render_to(&mut few, 2);
+    assert!(has_photons(&few), "they are not tried");
+    render_to(&mut few, 4);
+    assert!(!has_photons(&few), "they stay");
+    let points = few.statistics().unwrap().points;
+    render_to(&mut few, 40);
+    let statistics = few.statistics().unwrap();
+    assert!(statistics.points.lit + statistics.points.shadowed == points.lit + points.shadowed, "some are still asked");
+
+    let mut all = renderer(24, &settings(Technique::TWO_PASS));
+    render_to(&mut all, 40);
+    assert!(statistics.rays.shadow as f64 > 0.95 * all.statistics().unwrap().rays.shadow as f64);
+    let [expected, mean] = [&all, &few].map(|renderer| mean_and_error(&renderer.image().unwrap(), "G"));
+    let off = deviation(expected, mean);
+    assert!(off < 3.0, "{off} standard errors");
+
+    let mut decided = renderer(1, &settings(Technique::SHADOW_PHOTONS));
+    render_to(&mut decided, 8);
+    assert!(has_photons(&decided), "they decide, and are left out");
+    let requested = settings(Technique::SHADOW_PHOTONS).with(|s| s.visibility_map.photons_per_light = Some(16_384));
+    let mut requested = renderer(24, &requested);
+    render_to(&mut requested, 8);
+    assert!(has_photons(&requested), "they were asked for, and are left out");
+}
+
+/// A render that is continued from a checkpoint, before or after the trial, has the bits of one without interruption.
+#[test]
+fn a_trial_is_continued() {
+    let settings = settings(Technique::SHADOW_PHOTONS);
+    let mut whole = renderer(24, &settings);
+    render_to(&mut whole, 40);
+    for samples in [2, 8] {
+        let mut interrupted = renderer(24, &settings);
+        render_to(&mut interrupted, samples);
+        let mut resumed = renderer(24, &settings);
+        resumed.resume_from(&interrupted.checkpoint().unwrap()).unwrap();
+        assert_eq!(has_photons(&resumed), samples < 4);
+        render_to(&mut resumed, 40);
+        assert!(resumed.image().unwrap().channels == whole.image().unwrap().channels, "after {samples} samples");
+    }
+}
