@@ -2,6 +2,11 @@
 // Lambertian base, part of which may transmit light; films and tangents that change the microfacets; above them layers,
 // first those that reflect to all sides, then those of other microfacets. `@each` repeats a line for every lobe of such
 // a part: see src/kernels/each.rs.
+//
+// Here and in lib/bsdf/ conditions are joined by & and |, and values come from `select`, where an `if` would save
+// little: &&, || and early returns are branches. Each branch that follows another in a loop, as in that over the
+// vertices of a path, may double the time of SwiftShader's compiler (docs/devices.md, "Branches in loops"), and each
+// call copies this code into the loop.
 
 import package::lib::bsdf::diffuse::{diffuse_density, diffuse_value};
 import package::lib::bsdf::surface::Surface;
@@ -36,14 +41,14 @@ import package::lib::sampling::sample_cosine;
 
 // Whether both the surface itself and its shading normal face the direction.
 fn bsdf_faces(s: Surface, direction: vec3f) -> bool {
-    return dot(direction, s.geometric_normal) > 0.0 && dot(direction, s.shading_normal) > 0.0;
+    return (dot(direction, s.geometric_normal) > 0.0) & (dot(direction, s.shading_normal) > 0.0);
 }
 
 // Whether light from the direction is transmitted through the surface.
 @if(transmission)
 fn bsdf_passes(s: Surface, direction: vec3f) -> bool {
-    let behind = dot(direction, s.geometric_normal) < 0.0 && dot(direction, s.shading_normal) < 0.0;
-    return passes_light(s) && behind;
+    let behind = (dot(direction, s.geometric_normal) < 0.0) & (dot(direction, s.shading_normal) < 0.0);
+    return passes_light(s) & behind;
 }
 
 // The geometric normal on the side into which the direction leaves.
@@ -77,12 +82,10 @@ fn local_pair(s: Surface, direction: vec3f) -> LocalPair {
 @if(glossy)
 fn reflectance(s: Surface, cosine: f32) -> vec3f {
     var outer = cosine;
-    @if(transmission) {
-        outer = fresnel_cosine(s.transmission, cosine);
-        if outer < 0.0 { return vec3f(1.0); }
-    }
+    @if(transmission) { outer = fresnel_cosine(s.transmission, cosine); }
     var reflected = specular_reflectance(s.specular, outer);
     @each(film) { reflected = NAME_reflectance(s.NAME, s.specular, reflected, outer); }
+    @if(transmission) { reflected = select(reflected, vec3f(1.0), outer < 0.0); }
     return reflected;
 }
 
@@ -90,10 +93,9 @@ fn reflectance(s: Surface, cosine: f32) -> vec3f {
 @if(transmission)
 fn transmittance(s: Surface, cosine: f32) -> vec3f {
     let outer = fresnel_cosine(s.transmission, cosine);
-    if outer < 0.0 { return vec3f(0.0); }
     var kept = specular_kept(s.specular, outer);
     @each(film) { kept = NAME_kept(s.NAME, s.specular, kept, outer); }
-    return s.transmission.tint * (1.0 - kept);
+    return select(s.transmission.tint * (1.0 - kept), vec3f(0.0), outer < 0.0);
 }
 
 // The share of light that the microfacets transmit to the diffuse base and out again.
@@ -189,10 +191,14 @@ fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
 
 // The BSDF, per steradian, times the cosine; 0 for directions that the surface neither faces nor transmits.
 fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
-    var value = vec3f(0.0);
-    if bsdf_faces(s, direction) { value = bsdf_diffuse(s) * dot(direction, s.shading_normal); }
-    @if(glossy) { value += bsdf_residual(s, direction); }
-    return value;
+    @if(glossy) { return diffuse_reflection(s, direction) + bsdf_residual(s, direction); }
+    @else { return diffuse_reflection(s, direction); }
+}
+
+// The diffuse part of the BSDF, times the cosine; 0 for directions that the surface does not face.
+fn diffuse_reflection(s: Surface, direction: vec3f) -> vec3f {
+    let cosine = select(0.0, dot(direction, s.shading_normal), bsdf_faces(s, direction));
+    return bsdf_diffuse(s) * cosine;
 }
 
 // ---- Where paths end and go on
@@ -202,8 +208,8 @@ fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
 fn reflects_or_refracts(s: Surface) -> bool {
     var more = is_metallic(s.specular);
     // The colours of a film depend on the direction: a mean cannot represent them.
-    @each(film) { more = more || NAME_is_present(s.NAME); }
-    @if(transmission) { more = more || transmission_is_present(s.transmission); }
+    @each(film) { more |= NAME_is_present(s.NAME); }
+    @if(transmission) { more |= transmission_is_present(s.transmission); }
     return more;
 }
 
@@ -212,7 +218,7 @@ fn reflects_or_refracts(s: Surface) -> bool {
 fn reflects_more(s: Surface) -> bool {
     @if(glossy) {
         var more = reflects_or_refracts(s);
-        @if(transmission) { more = more || passes_light(s); }
+        @if(transmission) { more |= passes_light(s); }
         return more;
     }
     @else { return false; }
@@ -321,6 +327,8 @@ struct BsdfSample {
     direction: vec3f,
     // The value of `bsdf_evaluate` over the density.
     weight: vec3f,
+    // The value of `bsdf_residual`.
+    @if(glossy) residual: vec3f,
     // By solid angle; 0 where the direction enters a surface that does not transmit, which ends the path.
     pdf: f32,
     // The change of radiance over that of flux: refraction into a medium of another index scales radiance, but not a
@@ -378,7 +386,7 @@ fn bsdf_max_density(s: Surface) -> f32 {
     var alpha = vec2f(s.specular.alpha);
     @each(spread) { alpha = NAME_alpha(s.NAME, alpha); }
     var black = is_black_specular(s.specular);
-    @each(film) { black = black && !NAME_is_present(s.NAME); }
+    @each(film) { black &= !NAME_is_present(s.NAME); }
     var density = select(max_visible_density(view_z, alpha), 0.0, black);
     @each(layer) { density = max(density, NAME_max_density(s.NAME, s.view, view_z)); }
     @if(transmission) { if passes_light(s) { return UNBOUNDED_DENSITY; } }
@@ -406,7 +414,7 @@ fn sample_lobe(s: Surface, u: vec3f) -> LobeDirection {
     var lobe = pair;
     var axes = frame;
     @each_from_top(glossy_layer) {
-        result.of_NAME = u.z >= below && u.z < below + chances.NAME;
+        result.of_NAME = (u.z >= below) & (u.z < below + chances.NAME);
         below += chances.NAME;
         if result.of_NAME {
             lobe = NAME_pair(s.NAME, layer_pair);
@@ -417,7 +425,7 @@ fn sample_lobe(s: Surface, u: vec3f) -> LobeDirection {
     var wide = sample_cosine(u.xy);
     var end = below;
     @each_from_top(wide_layer) {
-        let of_layer = u.z >= end && u.z < end + chances.NAME;
+        let of_layer = (u.z >= end) & (u.z < end + chances.NAME);
         end += chances.NAME;
         if of_layer { wide = NAME_sample(u.xy); }
     }
@@ -432,7 +440,7 @@ fn sample_lobe(s: Surface, u: vec3f) -> LobeDirection {
         // The lower part of the microfacets' random numbers transmits, the rest reflects.
         let refracted = u.z < chances.microfacets * passing_share(s, dot(pair.view, h));
         if refracted { local = passed_direction(s.transmission, pair.view, h, local); }
-        result.passed = result.passed || refracted;
+        result.passed |= refracted;
     }
     result.direction = normalize(axes * local);
     return result;
@@ -456,13 +464,14 @@ fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
         @each(glossy_layer) {
             let layer_faced = NAME_faces(s.NAME, s.geometric_normal, direction, base_faced);
             faced = select(faced, layer_faced, sampled.of_NAME);
-            normals_differ = normals_differ || NAME_has_normal();
+            normals_differ |= NAME_has_normal();
         }
         @if(transmission) { faced |= sampled.passed; }
         if normals_differ && !faced { return result; }
         result.pdf = bsdf_pdf(s, direction);
         if result.pdf <= 0.0 { return result; }
-        result.weight = bsdf_evaluate(s, direction) / result.pdf;
+        result.residual = bsdf_residual(s, direction);
+        result.weight = (diffuse_reflection(s, direction) + result.residual) / result.pdf;
         @if(transmission) {
             let eta = s.transmission.eta;
             result.concentration = vec3f(select(1.0, eta * eta, bsdf_passes(s, direction)));

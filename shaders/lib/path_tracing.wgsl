@@ -238,7 +238,7 @@ fn scatter_path(path: ptr<function, Path>) -> BsdfSample {
     var scattered = bsdf_sample(vertex.surface, vec3f(u, vertex.lobe_and_light.x));
     @if(global_map && glossy) {
         if vertex.residual && scattered.pdf > 0.0 {
-            scattered.weight = bsdf_residual(vertex.surface, scattered.direction) / scattered.pdf;
+            scattered.weight = scattered.residual / scattered.pdf;
         }
     }
     (*path).goes_on = scattered.pdf > 0.0 && any(scattered.weight != vec3f(0.0));
@@ -246,7 +246,7 @@ fn scatter_path(path: ptr<function, Path>) -> BsdfSample {
         (*path).throughput *= scattered.weight;
         @if(caustics) {
             var residual = scattered.weight;
-            if (*path).bounce == 0u { residual = bsdf_residual(vertex.surface, scattered.direction) / scattered.pdf; }
+            if (*path).bounce == 0u { residual = scattered.residual / scattered.pdf; }
             (*path).residual_throughput *= residual;
         }
         if (*path).bounce >= FIRST_ROULETTE { play_roulette(path); }
@@ -353,7 +353,7 @@ fn hit_weight(path: ptr<function, Path>, scattered: BsdfSample, passing: vec3f, 
                 let density = bsdf_max_density((*path).vertex.surface);
                 if !takes_bsdf_rays(density, (*path).vertex.position, light) { return vec3f(0.0); }
                 let weight = mis_weight(scattered.pdf, f32((*path).light_samples) * pdf) / scattered.pdf;
-                return bsdf_residual((*path).vertex.surface, scattered.direction) * passing * weight;
+                return scattered.residual * passing * weight;
             }
             @if(!bsdf_rays) { return vec3f(0.0); }
         }

@@ -125,7 +125,7 @@ fn clearcoat_pair(lobe: Clearcoat, pair: LayerPair) -> LocalPair {
 // the shading normal do.
 @if(clearcoat)
 fn clearcoat_faces(lobe: Clearcoat, geometric_normal: vec3f, direction: vec3f, faced: bool) -> bool {
-    @if(coat_normals) { return dot(direction, geometric_normal) > 0.0 && dot(direction, lobe.normal) > 0.0; }
+    @if(coat_normals) { return (dot(direction, geometric_normal) > 0.0) & (dot(direction, lobe.normal) > 0.0); }
     @else { return faced; }
 }
 

@@ -66,22 +66,27 @@ fn unpack_iridescence(packed: vec4f) -> Iridescence {
 // Reflectance for light at the given cosine, which is `bare` without the film.
 @if(iridescence)
 fn iridescence_reflectance(lobe: Iridescence, specular: Specular, bare: vec3f, cosine: f32) -> vec3f {
-    if !iridescence_is_present(lobe) { return bare; }
-    return mix(bare, film_reflectance(lobe, specular.f0, cosine), lobe.factor);
+    var reflected = bare;
+    if iridescence_is_present(lobe) { reflected = mix(bare, film_reflectance(lobe, specular.f0, cosine), lobe.factor); }
+    return reflected;
 }
 
 // What does not reach the layers below, which is `bare` without the film.
 @if(iridescence)
 fn iridescence_kept(lobe: Iridescence, specular: Specular, bare: f32, cosine: f32) -> f32 {
-    if !iridescence_is_present(lobe) { return bare; }
-    return mix(bare, film_kept(lobe, specular.f0, cosine), lobe.factor);
+    var kept = bare;
+    if iridescence_is_present(lobe) { kept = mix(bare, film_kept(lobe, specular.f0, cosine), lobe.factor); }
+    return kept;
 }
 
 // The share of light transmitted to the diffuse base and out again, which is `bare` without the film.
 @if(iridescence)
 fn iridescence_through(lobe: Iridescence, specular: Specular, bare: f32, light_z: f32, view_z: f32) -> f32 {
-    if !iridescence_is_present(lobe) { return bare; }
-    return mix(bare, through_film(lobe, specular.f0, specular.alpha, light_z, view_z), lobe.factor);
+    var through = bare;
+    if iridescence_is_present(lobe) {
+        through = mix(bare, through_film(lobe, specular.f0, specular.alpha, light_z, view_z), lobe.factor);
+    }
+    return through;
 }
 
 // ---- The film

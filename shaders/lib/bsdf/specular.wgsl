@@ -78,7 +78,7 @@ fn specular_reflectance(lobe: Specular, cosine: f32) -> vec3f {
 // Whether the lobe reflects nothing in any direction.
 @if(glossy)
 fn is_black_specular(lobe: Specular) -> bool {
-    return all(lobe.f0 == vec3f(0.0)) && lobe.f90 == 0.0;
+    return all(lobe.f0 == vec3f(0.0)) & (lobe.f90 == 0.0);
 }
 
 // Reflectance of the dielectric layer for light at the given cosine. What it reflects does not reach the layers below.

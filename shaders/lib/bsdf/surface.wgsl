@@ -161,7 +161,7 @@ fn without_light(lit: Surface) -> Surface {
 @if(transmission)
 fn passes_light(s: Surface) -> bool {
     var passes = false;
-    @each(base) { passes = passes || NAME_is_present(s.NAME); }
+    @each(base) { passes |= NAME_is_present(s.NAME); }
     return passes;
 }
 

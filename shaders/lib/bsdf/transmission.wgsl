@@ -106,9 +106,9 @@ fn unpack_transmission(packed: vec4f) -> Transmission {
 // reflection.
 @if(transmission)
 fn fresnel_cosine(lobe: Transmission, cosine: f32) -> f32 {
-    if lobe.eta <= 1.0 { return cosine; }
     let sine_squared = lobe.eta * lobe.eta * (1.0 - cosine * cosine);
-    return select(safe_sqrt(1.0 - sine_squared), -1.0, sine_squared >= 1.0);
+    let outer = select(safe_sqrt(1.0 - sine_squared), -1.0, sine_squared >= 1.0);
+    return select(outer, cosine, lobe.eta <= 1.0);
 }
 
 // The microfacet normal that transmits light from `pair.light`, below the surface, towards the viewer; and the Jacobian
@@ -122,18 +122,15 @@ struct Passing {
 
 @if(transmission)
 fn passing(lobe: Transmission, pair: LocalPair) -> Passing {
-    if lobe.eta == 1.0 {
-        let mirrored = vec3f(pair.light.xy, -pair.light.z);
-        let h = normalize(pair.view + mirrored);
-        return Passing(h, 0.25 / max(dot(pair.view, h), 1e-6));
-    }
+    let thin = lobe.eta == 1.0;
+    let mirrored = vec3f(pair.light.xy, -pair.light.z);
     let bent = -(pair.light + lobe.eta * pair.view);
-    let h = normalize(select(bent, -bent, bent.z < 0.0));
+    let h = normalize(select(select(bent, -bent, bent.z < 0.0), pair.view + mirrored, thin));
     let view_h = dot(pair.view, h);
     let light_h = dot(pair.light, h);
-    if view_h <= 0.0 || light_h >= 0.0 { return Passing(h, 0.0); }
     let root = light_h + lobe.eta * view_h;
-    return Passing(h, -light_h / (root * root));
+    let refracted = select(-light_h / (root * root), 0.0, (view_h <= 0.0) | (light_h >= 0.0));
+    return Passing(h, select(refracted, 0.25 / max(view_h, 1e-6), thin));
 }
 
 // The BSDF for light transmitted from the other side by microfacets that transmit everything. Radiance is higher where
@@ -153,6 +150,5 @@ fn passing_density(found: Passing, pair: LocalPair) -> f32 {
 // The direction of light transmitted by a sampled microfacet normal. `reflected` is the direction reflected by it.
 @if(transmission)
 fn passed_direction(lobe: Transmission, view: vec3f, h: vec3f, reflected: vec3f) -> vec3f {
-    if lobe.eta == 1.0 { return vec3f(reflected.xy, -reflected.z); }
-    return refract(-view, h, lobe.eta);
+    return select(refract(-view, h, lobe.eta), vec3f(reflected.xy, -reflected.z), lobe.eta == 1.0);
 }
