@@ -11,6 +11,9 @@ pub mod sobol;
 pub mod surfaces;
 pub mod textures;
 
+use std::mem;
+
+use bytemuck::Pod;
 pub use camera::CameraUniform;
 use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat, bindings};
 pub use lights::GpuLights;
@@ -24,6 +27,20 @@ use crate::kernels::scene_texels::{TRIANGLE_ALPHA, TRIANGLE_DOUBLE_SIDED};
 use crate::procedural::Procedural;
 use crate::scene::{AlphaMode, Camera, Scene};
 use crate::specialisation::features::{Feature, Features};
+
+/// A table that grows with the triangles of a scene: in layers, where one texture or buffer is too small.
+fn growing_table<T: Pod>(
+    gpu: &Gpu,
+    features: &Features,
+    label: &str,
+    texels: &[[T; 4]],
+    format: TableFormat,
+) -> Result<Table> {
+    Ok(match features.has(Feature::LayeredTables) {
+        true => gpu.layered_table(label, texels, format)?,
+        false => gpu.table(label, texels, format)?,
+    })
+}
 
 /// The scene on the device. It binds the variables of the modules in `shaders/lib/`.
 pub struct GpuScene {
@@ -67,23 +84,24 @@ impl GpuScene {
         }
         // What the device has is dropped at once, since the largest scenes fill the host's memory.
         let mut hierarchy = 0;
-        let mut upload = |label: &str, texels: Vec<[f32; 4]>| {
-            hierarchy += texels.len();
-            gpu.table(label, &texels, TableFormat::Float)
-        };
         let packet_nodes = match features.has(Feature::Packets) {
-            true => Some(upload("penumbra/scene/packet_nodes", bvh.packet_nodes())?),
+            true => {
+                let texels = bvh.packet_nodes();
+                hierarchy += texels.len();
+                Some(gpu.table("penumbra/scene/packet_nodes", &texels, TableFormat::Float)?)
+            }
             false => None,
         };
-        let triangles = upload("penumbra/scene/bvh_triangles", bvh.triangles)?;
-        hierarchy += bvh.nodes.len();
-        let nodes = gpu.table("penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?;
+        hierarchy += bvh.triangles.len() + bvh.nodes.len();
+        let label = "penumbra/scene/bvh_triangles";
+        let triangles = growing_table(gpu, features, label, &mem::take(&mut bvh.triangles), TableFormat::Float)?;
+        let nodes = growing_table(gpu, features, "penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?;
         drop((bvh.nodes, bvh.order));
         let (textures, material_textures) = GpuTextures::new(gpu, scene)?;
         let surfaces = GpuSurfaces::new(gpu, scene, &material_textures, features)?;
         let double_sided = |object: &Procedural| scene.materials[object.material as usize].double_sided;
         let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.texels(double_sided(o))).collect();
-        let texels = procedurals.len() + hierarchy + scene.triangles.len() * surfaces.stride();
+        let texels = procedurals.len() + hierarchy + scene.triangles.len() * GpuSurfaces::stride(features);
         // Equation 1 compares numbers of photons, so each must represent the same share of its light: emission is not
         // restricted to the receiver bounds.
         let receivers = if features.has(Feature::VisibilityEstimate) { None } else { ReceiverBounds::of(scene) };
@@ -104,6 +122,12 @@ impl GpuScene {
             procedural_count: scene.procedurals.len(),
             procedural_misses: gpu.buffer::<u32>("penumbra/scene/procedural_misses", 2)?,
         })
+    }
+
+    /// Records of the largest table that grows with the triangles.
+    pub fn largest_table(scene: &Scene, bvh: &Bvh, features: &Features) -> usize {
+        let surfaces = scene.triangles.len() * GpuSurfaces::stride(features);
+        surfaces.max(bvh.nodes.len()).max(bvh.triangles.len())
     }
 
     /// Changes the camera, and the size of its image.

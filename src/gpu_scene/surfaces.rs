@@ -4,8 +4,8 @@ use glam::{Vec3, Vec4};
 use kernel_kit::{Gpu, Table, TableFormat};
 use rayon::prelude::*;
 
-use super::oct_encode16;
 use super::textures::MaterialTextures;
+use super::{growing_table, oct_encode16};
 use crate::Result;
 use crate::kernels::scene_texels::SURFACE_FLAT;
 use crate::scene::{Scene, Triangle};
@@ -67,15 +67,15 @@ impl GpuSurfaces {
         let materials: Vec<[u32; 4]> =
             scene.materials.iter().zip(textures).flat_map(|(material, infos)| material.texels(scale, infos)).collect();
         Ok(GpuSurfaces {
-            surfaces: gpu.table("penumbra/scene/surface_texels", &texels, TableFormat::Uint)?,
+            surfaces: growing_table(gpu, features, "penumbra/scene/surface_texels", &texels, TableFormat::Uint)?,
             materials: gpu.table("penumbra/scene/material_texels", &materials, TableFormat::Uint)?,
             layout,
         })
     }
 
     /// Texels of a triangle.
-    pub fn stride(&self) -> usize {
-        self.layout.stride as usize
+    pub fn stride(features: &Features) -> usize {
+        Layout::new(features).stride as usize
     }
 
     /// The `override`s of the kernels that read surfaces.

@@ -96,6 +96,7 @@ impl<'g> Renderer<'g> {
         let bvh = build_hierarchy(&mut scene, &mut totals)?;
         let mut specialisation = Specialisation::new(&scene, Some(camera), settings);
         specialisation.of_device(gpu, &scene, &bvh);
+        specialisation.of_largest_table(gpu, GpuScene::largest_table(&scene, &bvh, &specialisation.features));
         let size = [settings.image.width, settings.image.height];
         let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &specialisation.features)?;
         totals.scene_bytes = gpu_scene.bytes;

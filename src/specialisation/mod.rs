@@ -124,6 +124,11 @@ impl Specialisation {
             && alpha_tests(scene) <= MAX_PACKET_ALPHA_TESTS;
         self.features.set(Feature::Packets, packets);
     }
+
+    /// Decides on tables in layers, by the records of the largest table that grows with the triangles.
+    pub(crate) fn of_largest_table(&mut self, gpu: &Gpu, records: usize) {
+        self.features.set(Feature::LayeredTables, records as u64 > gpu.max_table_records());
+    }
 }
 
 /// Number of triangles with alpha tests.

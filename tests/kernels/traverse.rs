@@ -65,7 +65,11 @@ impl Traced {
             frame.run(&bound, rays.len() as u32, &[0u32; 0]);
             frame.submit().unwrap();
         };
-        if self.features.has(Feature::TextureLoads) {
+        if self.features.has(Feature::LayeredTables) {
+            let nodes = gpu.layered_table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
+            let triangles = gpu.layered_table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
+            run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
+        } else if self.features.has(Feature::TextureLoads) {
             let nodes = gpu.texture_table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
             let triangles = gpu.texture_table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
             let packets = gpu.texture_table("test/packet_nodes", &self.packet_nodes, TableFormat::Float).unwrap();
@@ -251,6 +255,8 @@ fn closest_hits_are_those_of_all_triangles(gpu: &Gpu) {
         let features = traced.features.clone().with(Feature::Packets, false);
         traced.features = features.with(Feature::TextureLoads, other_table);
         assert_eq!(answers, traced.closest(gpu, &rays), "{count} triangles, the other kind of table");
+        traced.features = traced.features.clone().with(Feature::LayeredTables, true);
+        assert_eq!(answers, traced.closest(gpu, &rays), "{count} triangles, tables in layers");
     }
     let deepest_of_registers = depths.iter().filter(|depth| **depth <= 5).max();
     assert_eq!(deepest_of_registers, Some(&5), "{depths:?}: registers are never full");

@@ -50,9 +50,11 @@ fn replaced<'t>(text: Cow<'t, str>, from: &str, to: &str) -> Cow<'t, str> {
 }
 
 /// Storage textures that are read, and the sampled textures of the same texels.
-const READ_TEXTURES: [(&str, &str); 2] = [
+const READ_TEXTURES: [(&str, &str); 4] = [
     ("texture_storage_2d<rgba32float, read>", "texture_2d<f32>"),
     ("texture_storage_2d<rgba32uint, read>", "texture_2d<u32>"),
+    ("texture_storage_2d_array<rgba32float, read>", "texture_2d_array<f32>"),
+    ("texture_storage_2d_array<rgba32uint, read>", "texture_2d_array<u32>"),
 ];
 
 /// The kernel with sampled textures, whose loads name a level, in place of all storage textures but the first `kept`.

@@ -110,7 +110,16 @@ impl Stage<'_> {
     }
 
     fn resource(&mut self, variable: &Variable) -> Resource {
-        let table = wgpu::Extent3d { width: TABLE_WIDTH, height: table_rows(0), depth_or_array_layers: 1 };
+        let is_layered = match variable.layout.ty {
+            wgpu::BindingType::StorageTexture { view_dimension, .. }
+            | wgpu::BindingType::Texture { view_dimension, .. } => {
+                view_dimension == wgpu::TextureViewDimension::D2Array
+            }
+            _ => false,
+        };
+        // See `alike`: the layers of a table have a power of two of rows.
+        let height = if is_layered { 1 } else { table_rows(0) };
+        let table = wgpu::Extent3d { width: TABLE_WIDTH, height, depth_or_array_layers: 1 };
         let (format, size, kind, dimension) = match variable.layout.ty {
             wgpu::BindingType::StorageTexture { format, view_dimension, .. } => {
                 (format, table, wgpu::TextureUsages::STORAGE_BINDING, view_dimension)

@@ -41,7 +41,7 @@ pub const PART_ALIGNMENT: u64 = 256;
 /// same table.
 #[derive(Clone)]
 pub enum Table {
-    /// Texel i is at (i % width, i / width).
+    /// Texel i is at (i % width, i / width), or in layers ([`Gpu::layered_table`](crate::Gpu::layered_table)).
     Texture(wgpu::TextureView),
     /// Word quadruple i.
     Buffer(Buffer),
@@ -66,8 +66,11 @@ pub enum TableFormat {
     Uint,
 }
 
-/// Width of a table's texture in texels. Kernels find texel i at `(i & (TABLE_WIDTH - 1), i >> TABLE_WIDTH_LOG2)`; both
-/// constants are in the module `package::kit`.
+/// Rows of a layer of a layered table: 64 MiB. Devices have 256 layers, and Vulkan promises 2 GiB to an image.
+pub const TABLE_LAYER_ROWS: u32 = 1024;
+
+/// Width of a table's texture in texels. Kernels find texel i at `(i & (TABLE_WIDTH - 1), i >> TABLE_WIDTH_LOG2)`, and
+/// the row of a layered table by [`TABLE_LAYER_ROWS`]; the module `package::kit` has these constants.
 pub const TABLE_WIDTH: u32 = 4096;
 
 /// Records of a buffer that is to become a table of `records`: whole rows.

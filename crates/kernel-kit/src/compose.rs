@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use wgpu::naga;
 
-use crate::buffer::TABLE_WIDTH;
+use crate::buffer::{TABLE_LAYER_ROWS, TABLE_WIDTH};
 use crate::error::{Error, Result, one_line};
 use crate::feature::{Feature, Features};
 
@@ -20,8 +20,8 @@ const INTERLEAVE: &str = "interleave";
 /// The modules that kernels are composed of, by path: kernels import from the module `lib/noise` as
 /// `package::lib::noise::item`. Clones share the text of embedded modules.
 ///
-/// Every composer has the module `package::kit`: `group_index`, `dispatch_groups`, `MAX_GROUPS`, `TABLE_WIDTH` and
-/// `TABLE_WIDTH_LOG2`. What a kernel does not use is left out of it. Where the kernels have a feature `interleave` and
+/// Every composer has the module `package::kit`: `group_index`, `dispatch_groups`, `MAX_GROUPS`, `TABLE_WIDTH`,
+/// `TABLE_WIDTH_LOG2` and `TABLE_LAYER_ROWS_LOG2`. What a kernel does not use is left out of it. Where the kernels have a feature `interleave` and
 /// it is on, `group_index` alternates between the two halves of a dispatch, for software devices that give each half to
 /// a thread.
 #[derive(Clone, Debug)]
@@ -42,6 +42,7 @@ impl Composer {
             ("MAX_GROUPS", MAX_GROUPS),
             ("TABLE_WIDTH", TABLE_WIDTH),
             ("TABLE_WIDTH_LOG2", TABLE_WIDTH.trailing_zeros()),
+            ("TABLE_LAYER_ROWS_LOG2", TABLE_LAYER_ROWS.trailing_zeros()),
         ];
         let kit = constants_module(&constants) + include_str!("kit.wgsl");
         Composer { modules: BTreeMap::new() }.with_module("kit", kit)

@@ -28,7 +28,9 @@ mod uniforms;
 
 pub use adapter::{DeviceChoice, DeviceInfo, DeviceLimits, instance};
 pub use binding::{Binding, Bindings, Declared, Resources};
-pub use buffer::{Buffer, KernelTable, PART_ALIGNMENT, POISON, TABLE_WIDTH, Table, TableFormat, whole_rows};
+pub use buffer::{
+    Buffer, KernelTable, PART_ALIGNMENT, POISON, TABLE_LAYER_ROWS, TABLE_WIDTH, Table, TableFormat, whole_rows,
+};
 pub use compose::{Composed, Composer, MAX_GROUPS, Taken, constants_module};
 pub use device::Gpu;
 pub use error::{Error, Result};

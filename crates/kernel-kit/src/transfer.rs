@@ -4,13 +4,15 @@ use std::borrow::Cow;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::buffer::{Buffer, EMPTY_BYTES, KernelTable, MIN_BYTES, POISON, TABLE_WIDTH, Table, TableFormat, table_rows};
+use crate::buffer::{
+    Buffer, EMPTY_BYTES, KernelTable, MIN_BYTES, POISON, TABLE_LAYER_ROWS, TABLE_WIDTH, Table, TableFormat, table_rows,
+};
 use crate::device::Gpu;
 use crate::error::{Error, Result, one_line};
 
 /// Rows of a table that are uploaded at once: 64 MiB. Larger tables are uploaded in parts, so that few bytes are in
 /// memory twice.
-const UPLOADED_ROWS: u32 = 1024;
+const UPLOADED_ROWS: u32 = TABLE_LAYER_ROWS;
 
 impl Gpu {
     /// A zeroed buffer for `count` values of `T` (room for at least one).
@@ -129,10 +131,35 @@ impl Gpu {
     /// As [`Gpu::table`].
     pub fn texture_table<T: Pod>(&self, label: &str, records: &[[T; 4]], format: TableFormat) -> Result<Table> {
         let texture = self.table_texture(label, records.len(), format)?;
+        self.upload_table(label, &texture, bytemuck::cast_slice(records))?;
+        Ok(Table::Texture(texture.create_view(&Default::default())))
+    }
+
+    /// As [`Gpu::texture_table`], of more records than a texture has rows for, or a storage buffer bytes: in layers of
+    /// [`TABLE_LAYER_ROWS`] rows. Kernels read it as a `texture_storage_2d_array`.
+    ///
+    /// # Errors
+    /// [`Error::Buffer`] if the device has no texture of so many layers, and those of [`Gpu::check`] if it has no room.
+    pub fn layered_table<T: Pod>(&self, label: &str, records: &[[T; 4]], format: TableFormat) -> Result<Table> {
+        let layers = records.len().div_ceil((TABLE_LAYER_ROWS * TABLE_WIDTH) as usize).max(1) as u64;
+        let most = u64::from(self.limits.max_texture_array_layers);
+        if layers > most {
+            let bytes = |layers: u64| layers * u64::from(TABLE_LAYER_ROWS * TABLE_WIDTH) * 16;
+            return Err(Error::Buffer { buffer: label.to_owned(), needed: bytes(layers), limit: bytes(most) });
+        }
+        let texture = self.texture_of(label, [TABLE_LAYER_ROWS, layers as u32], format);
+        self.check(label)?;
+        self.upload_table(label, &texture, bytemuck::cast_slice(records))?;
+        let dimension = Some(wgpu::TextureViewDimension::D2Array);
+        Ok(Table::Texture(texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() })))
+    }
+
+    /// Uploads the records of a table, some rows of a layer at a time.
+    fn upload_table(&self, label: &str, texture: &wgpu::Texture, bytes: &[u8]) -> Result<()> {
         const ROW_BYTES: usize = TABLE_WIDTH as usize * 16;
-        let bytes: &[u8] = bytemuck::cast_slice(records);
-        for first in (0..texture.height()).step_by(UPLOADED_ROWS as usize) {
-            let height = UPLOADED_ROWS.min(texture.height() - first);
+        let rows = texture.height() * texture.depth_or_array_layers();
+        for first in (0..rows).step_by(UPLOADED_ROWS as usize) {
+            let height = UPLOADED_ROWS.min(rows - first);
             let begin = first as usize * ROW_BYTES;
             let end = begin + height as usize * ROW_BYTES;
             // The last rows, of which some may be empty.
@@ -144,20 +171,20 @@ impl Gpu {
             let part = bytes.get(begin..end).map_or_else(padded, Cow::Borrowed);
             self.queue.write_texture(
                 wgpu::TexelCopyTextureInfo {
-                    origin: wgpu::Origin3d { y: first, ..Default::default() },
+                    origin: wgpu::Origin3d { x: 0, y: first % texture.height(), z: first / texture.height() },
                     ..texture.as_image_copy()
                 },
                 &part,
                 wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(ROW_BYTES as u32), rows_per_image: None },
-                wgpu::Extent3d { height, ..texture.size() },
+                wgpu::Extent3d { width: TABLE_WIDTH, height, depth_or_array_layers: 1 },
             );
-            if texture.height() > UPLOADED_ROWS {
+            if rows > UPLOADED_ROWS {
                 // wgpu keeps its copy of the part until the device has it.
                 self.queue.submit([]);
                 self.wait(label)?;
             }
         }
-        Ok(Table::Texture(texture.create_view(&Default::default())))
+        Ok(())
     }
 
     /// A table of `count` zeros, for [`Frame::fill_table`](crate::Frame::fill_table).
@@ -197,9 +224,13 @@ impl Gpu {
                 limit: u64::from(self.limits.max_texture_dimension_2d) * u64::from(TABLE_WIDTH) * 16,
             });
         }
-        Ok(self.device.create_texture(&wgpu::TextureDescriptor {
+        Ok(self.texture_of(label, [height as u32, 1], format))
+    }
+
+    fn texture_of(&self, label: &str, [height, layers]: [u32; 2], format: TableFormat) -> wgpu::Texture {
+        self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
-            size: wgpu::Extent3d { width: TABLE_WIDTH, height: height as u32, depth_or_array_layers: 1 },
+            size: wgpu::Extent3d { width: TABLE_WIDTH, height, depth_or_array_layers: layers },
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
@@ -212,10 +243,10 @@ impl Gpu {
                 | wgpu::TextureUsages::TEXTURE_BINDING
                 | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
-        }))
+        })
     }
 
-    /// Records of the largest table.
+    /// Records of the largest table without layers.
     pub fn max_table_records(&self) -> u64 {
         match self.texture_loads {
             true => u64::from(self.limits.max_texture_dimension_2d) * u64::from(TABLE_WIDTH),

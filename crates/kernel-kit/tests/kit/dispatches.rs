@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use kernel_kit::{
-    Composer, DeviceChoice, Error, Features, Gpu, Host, Kernel, MAX_GROUPS, POISON, Resources, TABLE_WIDTH, Table,
-    TableFormat, compare, dispatch_size, kernel_test, whole_rows,
+    Composer, DeviceChoice, Error, Features, Gpu, Host, Kernel, MAX_GROUPS, POISON, Resources, TABLE_LAYER_ROWS,
+    TABLE_WIDTH, Table, TableFormat, compare, dispatch_size, kernel_test, whole_rows,
 };
 
 use crate::composing::{DeviceFeature, device_features};
@@ -226,6 +226,32 @@ fn a_large_table_is_uploaded_whole(gpu: &Gpu) {
     }
 }
 
+/// A table in layers (1024 rows each) has each record in its place.
+#[kernel_test]
+fn a_table_in_layers_has_each_record_in_its_place(gpu: &Gpu) {
+    let composed = Composer::new().compose_source("look_up", LOOK_UP_IN_LAYERS, &device_features(gpu)).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+    let layer = TABLE_LAYER_ROWS * TABLE_WIDTH;
+    for count in [0, 1, layer, layer + 1, layer + TABLE_WIDTH + 5] {
+        let records: Vec<[u32; 4]> = (0..count).map(|i| [i + 1, !i, i ^ 0x5555, 7]).collect();
+        let table = gpu.layered_table("test/table", &records, TableFormat::Uint).unwrap();
+        let copies = gpu.poisoned::<[u32; 4]>("test/copies", count as usize + 1).unwrap();
+        let bound = kernel.bind(gpu, "look_up", &[&Resources::new().with("table", &table).with("copies", &copies)]);
+        let mut frame = gpu.frame("test");
+        frame.run(&bound.unwrap(), count, &count);
+        frame.submit().unwrap();
+        let mut read = gpu.read::<[u32; 4]>(&copies, count as usize + 1).unwrap();
+        assert_eq!(read.pop(), Some([POISON; 4]), "past {count} records");
+        let wrong = read.iter().zip(&records).position(|(a, b)| a != b);
+        assert_eq!(wrong, None, "of {count} records");
+    }
+    // Records of no bytes: only their number counts.
+    let most = gpu.device.limits().max_texture_array_layers as usize * layer as usize;
+    let too_many = gpu.layered_table("test/table", &vec![[(); 4]; most + 1], TableFormat::Uint).err().unwrap();
+    let Error::Buffer { buffer, needed, limit } = &too_many else { panic!("{too_many}") };
+    assert!(buffer == "test/table" && needed > limit && *limit == 16 * most as u64, "{too_many}");
+}
+
 /// Only the published records of a kernel's table are read anew: the rest of the last row is as it was.
 #[kernel_test]
 fn as_many_records_as_are_published_are_read(gpu: &Gpu) {
@@ -334,4 +360,22 @@ fn look_up(
     if i >= count { return; }
     @if(texture_loads) { copies[i] = textureLoad(table, vec2u(i & (TABLE_WIDTH - 1u), i >> TABLE_WIDTH_LOG2)); }
     @if(!texture_loads) { copies[i] = table[i]; }
+}";
+
+const LOOK_UP_IN_LAYERS: &str = "
+import package::kit::{TABLE_LAYER_ROWS_LOG2, TABLE_WIDTH, TABLE_WIDTH_LOG2, group_index};
+@group(0) @binding(0) var table: texture_storage_2d_array<rgba32uint, read>;
+@group(0) @binding(1) var<storage, read_write> copies: array<vec4u>;
+var<immediate> count: u32;
+@compute @workgroup_size(64)
+fn look_up(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= count { return; }
+    let row = i >> TABLE_WIDTH_LOG2;
+    let in_layer = vec2u(i & (TABLE_WIDTH - 1u), row & ((1u << TABLE_LAYER_ROWS_LOG2) - 1u));
+    copies[i] = textureLoad(table, in_layer, row >> TABLE_LAYER_ROWS_LOG2);
 }";
