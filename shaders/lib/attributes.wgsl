@@ -1,8 +1,8 @@
 // Attributes of triangles besides the corners' positions: material, normals, texture coordinates, colours and tangents.
 // src/gpu_scene/surfaces.rs makes the table.
 
-@if(texture_loads && !layered_tables) import package::lib::table::table_texel;
-@if(layered_tables) import package::lib::table::{layer_texel, table_layer};
+@if(texture_loads && !layered_texels) import package::lib::table::table_texel;
+@if(layered_texels) import package::lib::table::{layer_texel, table_layer};
 @if(instances) import package::lib::instance::{placed_tangent, stored_triangle};
 import package::lib::math::oct_decode16;
 import package::lib::constants::SURFACE_FLAT;
@@ -13,17 +13,17 @@ override surface_stride: u32;
 @if(vertex_colours) override colour_offset: u32;
 override tangent_offset: u32;
 
-@if(layered_tables)
+@if(layered_texels)
 @group(1) @binding(2) var surface_texels: texture_storage_2d_array<rgba32uint, read>;
-@if(texture_loads && !layered_tables)
+@if(texture_loads && !layered_texels)
 @group(1) @binding(2) var surface_texels: texture_storage_2d<rgba32uint, read>;
-@if(!texture_loads && !layered_tables)
+@if(!texture_loads && !layered_texels)
 @group(1) @binding(2) var<storage, read> surface_texels: array<vec4u>;
 
 fn load_surface_texel(i: u32) -> vec4u {
-    @if(layered_tables) { return textureLoad(surface_texels, layer_texel(i), table_layer(i)); }
-    @if(texture_loads && !layered_tables) { return textureLoad(surface_texels, table_texel(i)); }
-    @if(!texture_loads && !layered_tables) { return surface_texels[i]; }
+    @if(layered_texels) { return textureLoad(surface_texels, layer_texel(i), table_layer(i)); }
+    @if(texture_loads && !layered_texels) { return textureLoad(surface_texels, table_texel(i)); }
+    @if(!texture_loads && !layered_texels) { return surface_texels[i]; }
 }
 
 // The three corners' shading normals (oct_encode16), and the triangle's material with SURFACE_FLAT.

@@ -18,8 +18,8 @@
 //         }
 //     }
 
-@if(texture_loads && !layered_tables) import package::lib::table::table_texel;
-@if(layered_tables) import package::lib::table::{layer_texel, table_layer};
+@if(texture_loads && !layered_texels) import package::lib::table::table_texel;
+@if(layered_texels) import package::lib::table::{layer_texel, table_layer};
 import package::lib::ray::{
     Ray, RaySample, Hit, NO_HIT, ShearedRay, nonzero_direction, shear_ray, intersect_triangle,
 };
@@ -33,17 +33,17 @@ import package::lib::constants::{BVH_INDEX_MASK, BVH_NODE_INDEX_MASK, BVH_NODE_T
 @if(!shallow_bvh) import package::lib::constants::BVH_STACK_SIZE;
 @if(alpha_test) import package::lib::constants::TRIANGLE_ALPHA;
 
-@if(layered_tables)
+@if(layered_texels)
 @group(1) @binding(0) var bvh_nodes: texture_storage_2d_array<rgba32uint, read>;
-@if(texture_loads && !layered_tables)
+@if(texture_loads && !layered_texels)
 @group(1) @binding(0) var bvh_nodes: texture_storage_2d<rgba32uint, read>;
-@if(!instances && layered_tables)
+@if(!instances && layered_texels)
 @group(1) @binding(1) var bvh_triangles: texture_storage_2d_array<rgba32float, read>;
-@if(!instances && texture_loads && !layered_tables)
+@if(!instances && texture_loads && !layered_texels)
 @group(1) @binding(1) var bvh_triangles: texture_storage_2d<rgba32float, read>;
-@if(!texture_loads && !layered_tables)
+@if(!texture_loads && !layered_texels)
 @group(1) @binding(0) var<storage, read> bvh_nodes: array<vec4u>;
-@if(!instances && !texture_loads && !layered_tables)
+@if(!instances && !texture_loads && !layered_texels)
 @group(1) @binding(1) var<storage, read> bvh_triangles: array<vec4f>;
 
 // Iterations after which a traversal gives up and sets `traversal_overrun`. Software devices end all loops of an
@@ -58,16 +58,16 @@ var<private> traversal_iterations: u32;
 var<private> traversal_overrun: bool;
 
 fn node_texel(i: u32) -> vec4u {
-    @if(layered_tables) { return textureLoad(bvh_nodes, layer_texel(i), table_layer(i)); }
-    @if(texture_loads && !layered_tables) { return textureLoad(bvh_nodes, table_texel(i)); }
-    @if(!texture_loads && !layered_tables) { return bvh_nodes[i]; }
+    @if(layered_texels) { return textureLoad(bvh_nodes, layer_texel(i), table_layer(i)); }
+    @if(texture_loads && !layered_texels) { return textureLoad(bvh_nodes, table_texel(i)); }
+    @if(!texture_loads && !layered_texels) { return bvh_nodes[i]; }
 }
 
 @if(!instances)
 fn triangle_texel(i: u32) -> vec4f {
-    @if(layered_tables) { return textureLoad(bvh_triangles, layer_texel(i), table_layer(i)); }
-    @if(texture_loads && !layered_tables) { return textureLoad(bvh_triangles, table_texel(i)); }
-    @if(!texture_loads && !layered_tables) { return bvh_triangles[i]; }
+    @if(layered_texels) { return textureLoad(bvh_triangles, layer_texel(i), table_layer(i)); }
+    @if(texture_loads && !layered_texels) { return textureLoad(bvh_triangles, table_texel(i)); }
+    @if(!texture_loads && !layered_texels) { return bvh_triangles[i]; }
 }
 
 // The word that the host gave a primitive (Bvh::set_word).

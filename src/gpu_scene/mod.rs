@@ -36,7 +36,7 @@ fn growing_table<T: Pod>(
     texels: &[[T; 4]],
     format: TableFormat,
 ) -> Result<Table> {
-    Ok(match features.has(Feature::LayeredTables) {
+    Ok(match features.has(Feature::LayeredTexels) {
         true => gpu.layered_table(label, texels, format)?,
         false => gpu.table(label, texels, format)?,
     })

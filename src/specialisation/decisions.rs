@@ -64,7 +64,7 @@ impl Deferred {
     /// All of them.
     pub const ALL: &[Deferred] = &[
         Deferred { feature: Feature::TextureLoads, reason: "the device: software devices read textures faster" },
-        Deferred { feature: Feature::LayeredTables, reason: "the device: whether a table fits one texture or buffer" },
+        Deferred { feature: Feature::LayeredTexels, reason: "the device: whether a table fits one texture or buffer" },
         Deferred {
             feature: Feature::Interleave,
             reason: "the device: two threads share a dispatch of a software device",

@@ -8,9 +8,8 @@ kernel_kit::features! {
     pub enum Feature {
         /// Device: lookup tables are textures, which software devices read several times faster than storage buffers.
         TextureLoads,
-        /// Device: tables that grow with the triangles are larger than one texture or buffer, and lie in the layers of a
-        /// texture.
-        LayeredTables,
+        /// Device: tables that grow with the triangles exceed a texture or a buffer, and lie in layers.
+        LayeredTexels,
         /// Device: two threads share a dispatch, so workgroups alternate between its halves.
         Interleave,
         /// Device: subgroups have eight lanes, which trace their rays together.

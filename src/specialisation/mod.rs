@@ -127,7 +127,7 @@ impl Specialisation {
 
     /// Decides on tables in layers, by the records of the largest table that grows with the triangles.
     pub(crate) fn of_largest_table(&mut self, gpu: &Gpu, records: usize) {
-        self.features.set(Feature::LayeredTables, records as u64 > gpu.max_table_records());
+        self.features.set(Feature::LayeredTexels, records as u64 > gpu.max_table_records());
     }
 }
 

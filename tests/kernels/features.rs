@@ -172,7 +172,7 @@ impl Selection {
         let features = features.with(Feature::Packets, self.has(27) && self.has(62) && !instances);
         let far = self.has(54) && features.has(Feature::EmitterPairs);
         features
-            .with(Feature::LayeredTables, self.has(57) && self.has(58))
+            .with(Feature::LayeredTexels, self.has(57) && self.has(58))
             .with(Feature::ThinLens, self.has(15))
             .with(Feature::ShallowBvh, self.has(60) && !instances)
             .with(Feature::ClosedForms, self.has(52))

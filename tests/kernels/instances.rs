@@ -153,7 +153,7 @@ impl Traced {
             frame.run(&bound, rays.len() as u32, &[0u32; 0]);
             frame.submit().unwrap();
         };
-        if self.features.has(Feature::LayeredTables) {
+        if self.features.has(Feature::LayeredTexels) {
             let nodes = gpu.layered_table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
             let triangles = gpu.layered_table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
             run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
@@ -238,7 +238,7 @@ fn closest_hits_are_those_of_all_instances(gpu: &Gpu) {
     let other_table = !traced.features.has(Feature::TextureLoads);
     traced.features = traced.features.clone().with(Feature::TextureLoads, other_table);
     assert_eq!(answers, traced.closest(gpu, &rays), "the other kind of table");
-    traced.features = traced.features.clone().with(Feature::LayeredTables, true);
+    traced.features = traced.features.clone().with(Feature::LayeredTexels, true);
     assert_eq!(answers, traced.closest(gpu, &rays), "tables in layers");
 }
 

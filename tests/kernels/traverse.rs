@@ -65,7 +65,7 @@ impl Traced {
             frame.run(&bound, rays.len() as u32, &[0u32; 0]);
             frame.submit().unwrap();
         };
-        if self.features.has(Feature::LayeredTables) {
+        if self.features.has(Feature::LayeredTexels) {
             let nodes = gpu.layered_table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
             let triangles = gpu.layered_table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
             run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
@@ -255,7 +255,7 @@ fn closest_hits_are_those_of_all_triangles(gpu: &Gpu) {
         let features = traced.features.clone().with(Feature::Packets, false);
         traced.features = features.with(Feature::TextureLoads, other_table);
         assert_eq!(answers, traced.closest(gpu, &rays), "{count} triangles, the other kind of table");
-        traced.features = traced.features.clone().with(Feature::LayeredTables, true);
+        traced.features = traced.features.clone().with(Feature::LayeredTexels, true);
         assert_eq!(answers, traced.closest(gpu, &rays), "{count} triangles, tables in layers");
     }
     let deepest_of_registers = depths.iter().filter(|depth| **depth <= 5).max();

@@ -21,9 +21,9 @@ const INTERLEAVE: &str = "interleave";
 /// `package::lib::noise::item`. Clones share the text of embedded modules.
 ///
 /// Every composer has the module `package::kit`: `group_index`, `dispatch_groups`, `MAX_GROUPS`, `TABLE_WIDTH`,
-/// `TABLE_WIDTH_LOG2` and `TABLE_LAYER_ROWS_LOG2`. What a kernel does not use is left out of it. Where the kernels have a feature `interleave` and
-/// it is on, `group_index` alternates between the two halves of a dispatch, for software devices that give each half to
-/// a thread.
+/// `TABLE_WIDTH_LOG2` and `TABLE_LAYER_ROWS_LOG2`. What a kernel does not use is left out of it. Where the kernels have
+/// a feature `interleave` and it is on, `group_index` alternates between the two halves of a dispatch, for software
+/// devices that give each half to a thread.
 #[derive(Clone, Debug)]
 pub struct Composer {
     modules: BTreeMap<String, Cow<'static, str>>,

@@ -228,7 +228,7 @@ fn a_large_table_is_uploaded_whole(gpu: &Gpu) {
 
 /// A table in layers (1024 rows each) has each record in its place.
 #[kernel_test]
-fn a_table_in_layers_has_each_record_in_its_place(gpu: &Gpu) {
+fn a_table_in_layers_has_each_record_at_its_index(gpu: &Gpu) {
     let composed = Composer::new().compose_source("look_up", LOOK_UP_IN_LAYERS, &device_features(gpu)).unwrap();
     let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
     let layer = TABLE_LAYER_ROWS * TABLE_WIDTH;
