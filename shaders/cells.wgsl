@@ -34,6 +34,7 @@ struct CellParameters {
     candidate_count: u32,
     // Seed that samples the light points.
     seed: u32,
+    padding: vec2u,
 }
 
 // A surface point in a cell, from which a shadow ray is traced.

@@ -54,6 +54,7 @@ struct ClassifyParameters {
     // The queue whose length `arrange_queue` makes into arguments, and the invocations of the consumer's workgroups.
     queue: u32,
     queue_group: u32,
+    padding: vec2u,
 }
 
 var<immediate> classify_pass: ClassifyParameters;

@@ -39,7 +39,6 @@ struct SampleLightsParameters {
     // The grid of zones.
     zones: GridShape,
     tile: Tile,
-    padding: vec2u,
 }
 
 @group(0) @binding(1) var<storage, read_write> sampled_lights: array<vec2u>;

@@ -22,6 +22,9 @@ struct Tile {
     seed: u32,
     // 1: rays go through the centre of the pixel (a render of one sample), 0: anywhere in it (box filter).
     centred: u32,
+    // In a uniform buffer what follows a struct is aligned to 16 bytes.
+    padding_x: u32,
+    padding_y: u32,
 }
 
 // The pixels that get samples. A pixel's index counts from the first one of the tile's rows.

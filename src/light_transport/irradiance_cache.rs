@@ -143,9 +143,9 @@ impl Records {
                 columns: column_count,
                 pixel_count,
                 point_count: pixel_count,
-                first_sample: 0,
                 seed: image.seed,
                 centred: 1,
+                ..Tile::default()
             };
             let mut frame = gpu.frame("cache");
             frame.clear(&tile.counters);

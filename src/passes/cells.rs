@@ -21,6 +21,7 @@ shared_struct! {
         cell_count: u32,
         candidate_count: u32,
         seed: u32,
+        padding: [u32; 2],
     }
 }
 

@@ -33,6 +33,7 @@ shared_struct! {
         audit_probability: f32,
         queue: u32,
         queue_group: u32,
+        padding: [u32; 2],
     }
 }
 
@@ -227,6 +228,7 @@ impl BoundShowCells {
             audit_probability: 0.0,
             queue: Queue::Query as u32,
             queue_group: 1,
+            padding: [0; 2],
         };
         frame.run(&self.kernel, tile.point_count, &parameters);
     }
@@ -318,6 +320,7 @@ impl BoundClassify {
             audit_probability: chunk.audit_probability,
             queue: queue as u32,
             queue_group,
+            padding: [0; 2],
         }
     }
 }

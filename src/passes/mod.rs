@@ -57,6 +57,10 @@ shared_struct! {
         pub seed: u32,
         /// 1 where rays go through the centres of the pixels, 0 where anywhere in them.
         pub centred: u32,
+        /// What follows a struct in a uniform buffer is aligned to 16 bytes.
+        pub padding_x: u32,
+        /// Likewise.
+        pub padding_y: u32,
     }
 }
 

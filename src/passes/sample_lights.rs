@@ -13,7 +13,6 @@ shared_struct! {
     pub struct SampleLightsParameters {
         zones: GridShape,
         tile: Tile,
-        padding: [u32; 2],
     }
 }
 
@@ -94,10 +93,6 @@ pub struct BoundSampleLights {
 impl BoundSampleLights {
     /// Samples the lights of all points of a tile.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
-        frame.run(
-            &self.kernel,
-            tile.point_count,
-            &SampleLightsParameters { zones: self.zones, tile: *tile, padding: [0; 2] },
-        );
+        frame.run(&self.kernel, tile.point_count, &SampleLightsParameters { zones: self.zones, tile: *tile });
     }
 }

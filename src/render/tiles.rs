@@ -210,6 +210,7 @@ impl TileFilm {
             first_sample,
             seed: image.seed,
             centred: u32::from(image.spp == 1),
+            ..Tile::default()
         }
     }
 }

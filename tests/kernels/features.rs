@@ -246,6 +246,23 @@ fn reachable_features_compose() {
     assert!(found > 0 && found < sets.len(), "a fault where two features meet is in {found} of {} sets", sets.len());
 }
 
+/// The parameters of every kernel are valid in a uniform buffer, from which devices without immediates take them.
+#[test]
+fn parameters_fit_a_uniform_buffer() {
+    let sets: BTreeSet<Features> = selections().map(Selection::features).collect();
+    for kernel in kernel_stems() {
+        for set in sets.iter().filter(|set| runs(kernel, set)).take(4) {
+            compose(kernel, set).unwrap().without_immediates().unwrap();
+        }
+    }
+    let misaligned =
+        "struct Two { x: u32, y: u32 } struct Parameters { two: Two, z: u32 } var<immediate> all: Parameters;
+        @compute @workgroup_size(1) fn nothing() { let z = all.z; }";
+    let misaligned = compose_source("misaligned", misaligned, sets.first().unwrap()).unwrap();
+    let error = misaligned.without_immediates().unwrap_err().to_string();
+    assert!(error.contains("misaligned") && error.contains("Alignment"), "{error}");
+}
+
 /// A simple scene rendered with the code of all features gives the same image, except for roundings of the longer sums
 /// with unused terms, and for the few paths that take another way because of them.
 #[kernel_test("PENUMBRA_DEVICE")]

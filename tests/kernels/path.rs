@@ -100,9 +100,8 @@ fn render_clamped(
         columns: size,
         pixel_count: size * size,
         point_count,
-        first_sample: 0,
         seed: 1,
-        centred: 0,
+        ..Tile::default()
     };
     let mut frame = gpu.frame("test");
     frame.clear(&buffers.counters);
@@ -336,9 +335,8 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
         columns: SIZE,
         pixel_count: SIZE * SIZE,
         point_count: SIZE * SIZE * SPP,
-        first_sample: 0,
         seed: 5,
-        centred: 0,
+        ..Tile::default()
     };
     let count = tile.point_count as usize;
     let queue = HighlightQueue {

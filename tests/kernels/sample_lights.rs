@@ -103,9 +103,8 @@ impl Setup {
             columns: PIXELS,
             pixel_count: PIXELS,
             point_count: PIXELS * SAMPLES,
-            first_sample: 0,
             seed: 4,
-            centred: 0,
+            ..Tile::default()
         };
         Setup { stage, lamps, points, tile }
     }

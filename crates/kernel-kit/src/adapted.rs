@@ -45,6 +45,18 @@ impl Device {
     }
 }
 
+impl Composed {
+    /// The kernel as devices without immediates take it: with its parameters in a uniform buffer.
+    ///
+    /// # Errors
+    /// [`crate::Error::Kernel`] if these are not valid there: a struct, and what follows it, must be aligned to 16
+    /// bytes.
+    pub fn without_immediates(&self) -> Result<Composed> {
+        let device = Device { without_immediates: true, sliced: false, max_storage_textures: u32::MAX };
+        device.adapt(self).map(Cow::into_owned)
+    }
+}
+
 fn replaced<'t>(text: Cow<'t, str>, from: &str, to: &str) -> Cow<'t, str> {
     if text.contains(from) { Cow::Owned(text.replace(from, to)) } else { text }
 }
