@@ -24,9 +24,8 @@ import package::lib::ray::{
     Ray, RaySample, Hit, NO_HIT, ShearedRay, nonzero_direction, shear_ray, intersect_triangle,
 };
 @if(alpha_test) import package::lib::alpha::alpha_blocks;
-@if(instances) import package::lib::instance::{
-    ray_in_mesh, placed_corners, stored_corners, stored_triangle, triangle_texel,
-};
+import package::lib::bvh_triangles::triangle_texel;
+@if(instances) import package::lib::instance::{ray_in_mesh, placed_corners, stored_corners, stored_triangle};
 @if(procedurals) import package::lib::procedural::{closest_procedural, is_procedural, procedural_normal};
 @if(procedurals) import package::lib::procedural::{procedural_ray_iterations, procedurals_occlude};
 import package::lib::constants::{BVH_INDEX_MASK, BVH_NODE_INDEX_MASK, BVH_NODE_TEXELS, BVH_TRIANGLE_TEXELS};
@@ -37,14 +36,8 @@ import package::lib::constants::{BVH_INDEX_MASK, BVH_NODE_INDEX_MASK, BVH_NODE_T
 @group(1) @binding(0) var bvh_nodes: texture_storage_2d_array<rgba32uint, read>;
 @if(texture_loads && !layered_texels)
 @group(1) @binding(0) var bvh_nodes: texture_storage_2d<rgba32uint, read>;
-@if(!instances && layered_texels)
-@group(1) @binding(1) var bvh_triangles: texture_storage_2d_array<rgba32float, read>;
-@if(!instances && texture_loads && !layered_texels)
-@group(1) @binding(1) var bvh_triangles: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads && !layered_texels)
 @group(1) @binding(0) var<storage, read> bvh_nodes: array<vec4u>;
-@if(!instances && !texture_loads && !layered_texels)
-@group(1) @binding(1) var<storage, read> bvh_triangles: array<vec4f>;
 
 // Iterations after which a traversal gives up and sets `traversal_overrun`. Software devices end all loops of an
 // invocation without an error after 65,535 iterations in total. An alpha test may add one iteration for each of these.
@@ -61,13 +54,6 @@ fn node_texel(i: u32) -> vec4u {
     @if(layered_texels) { return textureLoad(bvh_nodes, layer_texel(i), table_layer(i)); }
     @if(texture_loads && !layered_texels) { return textureLoad(bvh_nodes, table_texel(i)); }
     @if(!texture_loads && !layered_texels) { return bvh_nodes[i]; }
-}
-
-@if(!instances)
-fn triangle_texel(i: u32) -> vec4f {
-    @if(layered_texels) { return textureLoad(bvh_triangles, layer_texel(i), table_layer(i)); }
-    @if(texture_loads && !layered_texels) { return textureLoad(bvh_triangles, table_texel(i)); }
-    @if(!texture_loads && !layered_texels) { return bvh_triangles[i]; }
 }
 
 // The word that the host gave a primitive (Bvh::set_word).

@@ -3,29 +3,13 @@
 // In: a triangle's primitive index, of each instance its own; see InstanceTable there. Triangles below `flat_count` are
 // no part of a shared mesh and are stored as they are.
 
-@if(texture_loads && !layered_texels) import package::lib::table::table_texel;
-@if(layered_texels) import package::lib::table::{layer_texel, table_layer};
+import package::lib::bvh_triangles::triangle_texel;
 import package::lib::constants::{BVH_TRIANGLE_TEXELS, INSTANCE_TEXELS};
 import package::lib::ray::Ray;
-
-// As in lib/bvh, whose kernels have no instances.
-@if(instances && layered_texels)
-@group(1) @binding(1) var bvh_triangles: texture_storage_2d_array<rgba32float, read>;
-@if(instances && texture_loads && !layered_texels)
-@group(1) @binding(1) var bvh_triangles: texture_storage_2d<rgba32float, read>;
-@if(instances && !texture_loads && !layered_texels)
-@group(1) @binding(1) var<storage, read> bvh_triangles: array<vec4f>;
 
 @if(instances) override instance_base: u32;
 @if(instances) override flat_count: u32;
 @if(instances) override instance_shift: u32;
-
-@if(instances)
-fn triangle_texel(i: u32) -> vec4f {
-    @if(layered_texels) { return textureLoad(bvh_triangles, layer_texel(i), table_layer(i)); }
-    @if(texture_loads && !layered_texels) { return textureLoad(bvh_triangles, table_texel(i)); }
-    @if(!texture_loads && !layered_texels) { return bvh_triangles[i]; }
-}
 
 // The first texel of the instance of a triangle.
 @if(instances)
