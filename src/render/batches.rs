@@ -65,7 +65,7 @@ impl Renderer<'_> {
         if let Some(sums) = &mut self.piece_sums {
             sums.begin(SampleRange { first: first_sample, end: first_sample + layers });
         }
-        let (counted, sampled) = (self.totals.points(), self.totals.get(Counter::Sampled));
+        let (samples, counted, sampled) = (self.samples, self.totals.points(), self.totals.get(Counter::Sampled));
         let mut points = 0;
         for tile in 0..self.tiles.len() {
             points += self.render_tile(tile, first_sample, layers, batch.as_ref())?;
@@ -81,7 +81,7 @@ impl Renderer<'_> {
         self.count_procedural_misses()?;
         self.totals.check()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
-        self.end_trial(&counted)?;
+        self.end_trial(samples, &counted)?;
         let start = Instant::now();
         self.keep()?;
         self.totals.time_render += start.elapsed().as_secs_f64();

@@ -16,17 +16,17 @@ use crate::statistics::Points;
 const TRIAL_SAMPLES: u32 = 4;
 
 /// Share of points that photons must decide in the last samples of the trial, else all shadow rays are traced from then
-/// on. It was 0.08 to 0.29 in models where 64 samples took 1.1 to 1.3 times as long as those of `two-pass`
+/// on. It was 0.08 to 0.29 in models where 64 samples took 1.06 to 1.3 times as long as those of `two-pass`
 /// (docs/decisions.md), and 0.46 to 1 in all other scenes that were measured, where they took 0.4 to 1.1 times as long.
 const MIN_DECIDED: f64 = 0.35;
 
 impl Renderer<'_> {
-    /// Ends the trial after its last batch, before which points had been `counted`. Photons stay if somebody asked for
-    /// them.
-    pub(super) fn end_trial(&mut self, counted: &Points) -> Result<()> {
+    /// Ends the trial after its last batch, before which pixels had `samples` and points had been `counted`. Photons
+    /// stay if somebody asked for them.
+    pub(super) fn end_trial(&mut self, samples: u32, counted: &Points) -> Result<()> {
         let is_on_trial = self.specialisation.features.has(Feature::FineCells)
             && self.settings.visibility_map.photons_per_light.is_none();
-        if !is_on_trial || self.samples != TRIAL_SAMPLES {
+        if !is_on_trial || samples >= TRIAL_SAMPLES || self.samples < TRIAL_SAMPLES {
             return Ok(());
         }
         let Points { lit, shadowed, total, .. } = self.totals.points();

@@ -72,6 +72,14 @@ fn photons_that_decide_little_are_left_out() {
     let off = deviation(expected, mean);
     assert!(off < 3.0, "{off} standard errors");
 
+    // Batches of any size: none of these ends after four samples.
+    let mut uneven = renderer(24, &settings(Technique::SHADOW_PHOTONS));
+    for _ in 0..3 {
+        uneven.render_up_to(1).unwrap();
+    }
+    uneven.render_batch().unwrap();
+    assert!(uneven.samples() > 4 && !has_photons(&uneven), "{} samples", uneven.samples());
+
     let mut decided = renderer(1, &settings(Technique::SHADOW_PHOTONS));
     render_to(&mut decided, 8);
     assert!(has_photons(&decided), "they decide, and are left out");
