@@ -59,18 +59,6 @@ impl Lighting {
         Ok(())
     }
 
-    /// Releases the visibility map and the fine cells, and makes direct light anew, which then traces all shadow rays.
-    pub fn leave_out_photons(
-        &mut self,
-        shared: &Shared<'_>,
-        kernels: DirectLightKernels,
-        points: u32,
-        settings: &Settings,
-    ) -> Result<()> {
-        (self.direct, self.visibility_map, self.fine_cells) = (None, None, None);
-        self.make_direct_light(shared, kernels, points, settings)
-    }
-
     fn bind_direct_light(&mut self, shared: &Shared<'_>) -> Result<()> {
         // Not `self.guides()`: direct light is borrowed at the same time.
         let guides = Guides {

@@ -43,8 +43,10 @@ impl Renderer<'_> {
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
         let features = &self.specialisation.features;
         let kernels = DirectLightKernels::new(gpu, features, &gpu_scene.constants(), &settings)?;
+        let lighting = &mut self.lighting;
+        (lighting.direct, lighting.visibility_map, lighting.fine_cells) = (None, None, None);
         let shared = Shared { gpu, scene, gpu_scene, tile };
-        self.lighting.leave_out_photons(&shared, kernels, self.tile_size.points, &settings)?;
+        lighting.make_direct_light(&shared, kernels, self.tile_size.points, &settings)?;
         self.totals.time_compile += start.elapsed().as_secs_f64();
         self.has_left_out_photons = true;
         Ok(())

@@ -4,14 +4,16 @@
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3, Mat3, Quat, Vec3, vec3};
-use kernel_kit::{Gpu, POISON, Resources, TableFormat, kernel_test};
+use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::scene::{Instance, NO_LIGHT, Scene, SharedMesh, Vertex};
 use penumbra::internal::specialisation::features::{Feature, Features};
 
 use crate::kit::{device_features, new_kernel};
-use crate::traverse::{Answer, NO_HIT, Random, Ray, Triangle, answer, closed_box, meeting, random_rays, ray, soup};
+use crate::traverse::{
+    self, Answer, NO_HIT, Random, Ray, Triangle, answer, closed_box, meeting, random_rays, ray, soup, tables,
+};
 
 /// A scene of triangles, and of instances of meshes.
 fn scene(flat: &[Triangle], meshes: &[Vec<Triangle>], instances: Vec<Instance>) -> Scene {
@@ -140,36 +142,9 @@ impl Traced {
         constants.extend(self.bvh.instances.iter().flat_map(|table| table.constants()));
         let constants = composed.overrides(&constants);
         let kernel = new_kernel(gpu, &composed, &constants, &["rays", "answers"]).unwrap();
-        let texels: Vec<[f32; 4]> = rays
-            .iter()
-            .flat_map(|ray| [ray.origin.extend(0.0).to_array(), ray.direction.extend(ray.t_max).to_array()])
-            .collect();
-        let rays_buffer = gpu.upload("test/rays", &texels).unwrap();
-        let answers = gpu.poisoned::<[u32; 4]>("test/answers", words * rays.len() + 1).unwrap();
-        let set = Resources::new().with("rays", &rays_buffer).with("answers", &answers);
-        let run = |gpu_scene: &Resources| {
-            let bound = kernel.bind(gpu, entry, &[&set, gpu_scene]).unwrap();
-            let mut frame = gpu.frame("test");
-            frame.run(&bound, rays.len() as u32, &[0u32; 0]);
-            frame.submit().unwrap();
-        };
-        if self.features.has(Feature::LayeredTexels) {
-            let nodes = gpu.layered_table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
-            let triangles = gpu.layered_table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
-            run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
-        } else if self.features.has(Feature::TextureLoads) {
-            let nodes = gpu.texture_table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
-            let triangles = gpu.texture_table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
-            run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
-        } else {
-            let nodes = gpu.upload("test/nodes", &self.bvh.nodes).unwrap();
-            let triangles = gpu.upload("test/triangles", &self.bvh.triangles).unwrap();
-            run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
-        }
-        let mut words: Vec<[u32; 4]> = gpu.read(&answers, words * rays.len() + 1).unwrap();
-        assert_eq!(words.pop(), Some([POISON; 4]), "{entry} wrote past its last ray");
-        assert!(words.iter().all(|words| !words.contains(&POISON)), "{entry} left an answer out");
-        words
+        let [nodes, triangles] = tables(gpu, &self.bvh, &self.features);
+        let set = Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles);
+        traverse::trace(gpu, &kernel, entry, rays, words, &set)
     }
 
     fn trace(&self, gpu: &Gpu, entry: &str, rays: &[Ray]) -> Vec<[u32; 4]> {

@@ -1,7 +1,7 @@
 //! Traversal in `shaders/lib/bvh.wgsl` against a loop over all triangles in double precision.
 
 use glam::{DVec2, DVec3, Vec3, vec3};
-use kernel_kit::{Gpu, POISON, Resources, TableFormat, kernel_test};
+use kernel_kit::{Gpu, Kernel, POISON, Resources, Table, TableFormat, kernel_test};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -41,6 +41,46 @@ struct Traced {
     features: Features,
 }
 
+/// The nodes and the triangles of a hierarchy, in the tables that the features say.
+pub fn tables(gpu: &Gpu, bvh: &Bvh, features: &Features) -> [Table; 2] {
+    if features.has(Feature::LayeredTexels) {
+        let nodes = gpu.layered_table("test/nodes", &bvh.nodes, TableFormat::Uint);
+        [nodes, gpu.layered_table("test/triangles", &bvh.triangles, TableFormat::Float)].map(Result::unwrap)
+    } else if features.has(Feature::TextureLoads) {
+        let nodes = gpu.texture_table("test/nodes", &bvh.nodes, TableFormat::Uint);
+        [nodes, gpu.texture_table("test/triangles", &bvh.triangles, TableFormat::Float)].map(Result::unwrap)
+    } else {
+        let nodes = gpu.upload("test/nodes", &bvh.nodes);
+        [nodes, gpu.upload("test/triangles", &bvh.triangles)].map(|buffer| Table::Buffer(buffer.unwrap()))
+    }
+}
+
+/// What an entry point answers for each ray, in `words` vectors. `tables` are those that the kernel reads.
+pub fn trace(
+    gpu: &Gpu,
+    kernel: &Kernel,
+    entry: &str,
+    rays: &[Ray],
+    words: usize,
+    tables: &Resources<'_>,
+) -> Vec<[u32; 4]> {
+    let texels: Vec<[f32; 4]> = rays
+        .iter()
+        .flat_map(|ray| [ray.origin.extend(0.0).to_array(), ray.direction.extend(ray.t_max).to_array()])
+        .collect();
+    let rays_buffer = gpu.upload("test/rays", &texels).unwrap();
+    let answers = gpu.poisoned::<[u32; 4]>("test/answers", words * rays.len() + 1).unwrap();
+    let set = Resources::new().with("rays", &rays_buffer).with("answers", &answers);
+    let bound = kernel.bind(gpu, entry, &[&set, tables]).unwrap();
+    let mut frame = gpu.frame("test");
+    frame.run(&bound, rays.len() as u32, &[0u32; 0]);
+    frame.submit().unwrap();
+    let mut words: Vec<[u32; 4]> = gpu.read(&answers, words * rays.len() + 1).unwrap();
+    assert_eq!(words.pop(), Some([POISON; 4]), "{entry} wrote past its last ray");
+    assert!(words.iter().all(|words| !words.contains(&POISON)), "{entry} left an answer out");
+    words
+}
+
 impl Traced {
     fn new(gpu: &Gpu, triangles: &[Triangle]) -> Self {
         let bvh = Bvh::build(triangles).unwrap();
@@ -52,38 +92,10 @@ impl Traced {
         let composed = compose_source("traverse", include_str!("shaders/traverse.wgsl"), &self.features).unwrap();
         let constants = [("ray_count", rays.len() as f64), ("primitive_count", self.bvh.order.len() as f64)];
         let kernel = new_kernel(gpu, &composed, &constants, &["rays", "answers"]).unwrap();
-        let texels: Vec<[f32; 4]> = rays
-            .iter()
-            .flat_map(|ray| [ray.origin.extend(0.0).to_array(), ray.direction.extend(ray.t_max).to_array()])
-            .collect();
-        let rays_buffer = gpu.upload("test/rays", &texels).unwrap();
-        let answers = gpu.poisoned::<[u32; 4]>("test/answers", rays.len() + 1).unwrap();
-        let set = Resources::new().with("rays", &rays_buffer).with("answers", &answers);
-        let run = |gpu_scene: &Resources| {
-            let bound = kernel.bind(gpu, entry, &[&set, gpu_scene]).unwrap();
-            let mut frame = gpu.frame("test");
-            frame.run(&bound, rays.len() as u32, &[0u32; 0]);
-            frame.submit().unwrap();
-        };
-        if self.features.has(Feature::LayeredTexels) {
-            let nodes = gpu.layered_table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
-            let triangles = gpu.layered_table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
-            run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
-        } else if self.features.has(Feature::TextureLoads) {
-            let nodes = gpu.texture_table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
-            let triangles = gpu.texture_table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
-            let packets = gpu.texture_table("test/packet_nodes", &self.packet_nodes, TableFormat::Float).unwrap();
-            let set = Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles);
-            run(&set.with("packet_nodes", &packets));
-        } else {
-            let nodes = gpu.upload("test/nodes", &self.bvh.nodes).unwrap();
-            let triangles = gpu.upload("test/triangles", &self.bvh.triangles).unwrap();
-            run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
-        }
-        let mut words: Vec<[u32; 4]> = gpu.read(&answers, rays.len() + 1).unwrap();
-        assert_eq!(words.pop(), Some([POISON; 4]), "{entry} wrote past its last ray");
-        assert!(words.iter().all(|words| !words.contains(&POISON)), "{entry} left an answer out");
-        words
+        let [nodes, triangles] = tables(gpu, &self.bvh, &self.features);
+        let packets = gpu.texture_table("test/packet_nodes", &self.packet_nodes, TableFormat::Float).unwrap();
+        let set = Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles);
+        trace(gpu, &kernel, entry, rays, 1, &set.with("packet_nodes", &packets))
     }
 
     fn closest_by(&self, gpu: &Gpu, entry: &str, rays: &[Ray]) -> Vec<Answer> {

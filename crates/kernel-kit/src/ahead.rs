@@ -110,26 +110,23 @@ impl Stage<'_> {
     }
 
     fn resource(&mut self, variable: &Variable) -> Resource {
-        let is_layered = match variable.layout.ty {
-            wgpu::BindingType::StorageTexture { view_dimension, .. }
-            | wgpu::BindingType::Texture { view_dimension, .. } => {
-                view_dimension == wgpu::TextureViewDimension::D2Array
-            }
-            _ => false,
-        };
         // See `alike`: the layers of a table have a power of two of rows.
-        let height = if is_layered { 1 } else { table_rows(0) };
-        let table = wgpu::Extent3d { width: TABLE_WIDTH, height, depth_or_array_layers: 1 };
+        let table = |dimension: wgpu::TextureViewDimension| {
+            let height = if dimension == wgpu::TextureViewDimension::D2Array { 1 } else { table_rows(0) };
+            wgpu::Extent3d { width: TABLE_WIDTH, height, depth_or_array_layers: 1 }
+        };
         let (format, size, kind, dimension) = match variable.layout.ty {
             wgpu::BindingType::StorageTexture { format, view_dimension, .. } => {
-                (format, table, wgpu::TextureUsages::STORAGE_BINDING, view_dimension)
+                (format, table(view_dimension), wgpu::TextureUsages::STORAGE_BINDING, view_dimension)
             }
             wgpu::BindingType::Texture { view_dimension, sample_type, .. } => {
                 let (format, size) = match self.known.get(&variable.name) {
                     Some(Binding::Texture(view)) => (view.texture().format(), alike(view.texture())),
                     // A table that is read as a sampled texture.
-                    _ if sample_type == wgpu::TextureSampleType::Uint => (wgpu::TextureFormat::Rgba32Uint, table),
-                    _ => (wgpu::TextureFormat::Rgba32Float, table),
+                    _ if sample_type == wgpu::TextureSampleType::Uint => {
+                        (wgpu::TextureFormat::Rgba32Uint, table(view_dimension))
+                    }
+                    _ => (wgpu::TextureFormat::Rgba32Float, table(view_dimension)),
                 };
                 (format, size, wgpu::TextureUsages::TEXTURE_BINDING, view_dimension)
             }

@@ -10,10 +10,6 @@ use crate::buffer::{
 use crate::device::Gpu;
 use crate::error::{Error, Result, one_line};
 
-/// Rows of a table that are uploaded at once: 64 MiB. Larger tables are uploaded in parts, so that few bytes are in
-/// memory twice.
-const UPLOADED_ROWS: u32 = TABLE_LAYER_ROWS;
-
 impl Gpu {
     /// A zeroed buffer for `count` values of `T` (room for at least one).
     ///
@@ -154,12 +150,12 @@ impl Gpu {
         Ok(Table::Texture(texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() })))
     }
 
-    /// Uploads the records of a table, some rows of a layer at a time.
+    /// Uploads the records of a table, as many rows at a time as a layer has, so that few bytes are in memory twice.
     fn upload_table(&self, label: &str, texture: &wgpu::Texture, bytes: &[u8]) -> Result<()> {
         const ROW_BYTES: usize = TABLE_WIDTH as usize * 16;
         let rows = texture.height() * texture.depth_or_array_layers();
-        for first in (0..rows).step_by(UPLOADED_ROWS as usize) {
-            let height = UPLOADED_ROWS.min(rows - first);
+        for first in (0..rows).step_by(TABLE_LAYER_ROWS as usize) {
+            let height = TABLE_LAYER_ROWS.min(rows - first);
             let begin = first as usize * ROW_BYTES;
             let end = begin + height as usize * ROW_BYTES;
             // The last rows, of which some may be empty.
@@ -178,7 +174,7 @@ impl Gpu {
                 wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(ROW_BYTES as u32), rows_per_image: None },
                 wgpu::Extent3d { width: TABLE_WIDTH, height, depth_or_array_layers: 1 },
             );
-            if rows > UPLOADED_ROWS {
+            if rows > TABLE_LAYER_ROWS {
                 // wgpu keeps its copy of the part until the device has it.
                 self.queue.submit([]);
                 self.wait(label)?;
