@@ -198,6 +198,7 @@ pub mod internal {
         #[cfg(feature = "report")] report
         scene settings specialisation statistics
         #[cfg(feature = "report")] stress
+        techniques
         #[cfg(feature = "view")] view
     }
 }

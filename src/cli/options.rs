@@ -413,8 +413,8 @@ impl OidnOptions {
 #[command(next_help_heading = "Image")]
 pub struct RenderOptions {
     /// How light is computed
-    #[arg(long, value_name = "T", default_value_t = Settings::default().technique, value_parser = techniques())]
-    technique: Technique,
+    #[arg(long, value_name = "T", default_value = "auto", value_parser = technique_or_auto())]
+    technique: TechniqueChoice,
 
     #[arg(
         long,
@@ -465,7 +465,7 @@ impl RenderOptions {
     }
 
     fn complete(&self, mut settings: Settings) -> Settings {
-        settings.technique = self.technique;
+        settings.technique = self.technique.0.unwrap_or_default();
         settings.image.spp = self.spp.unwrap_or(settings.image.spp);
         settings.image.aovs = self.aov.clone().unwrap_or_default().0;
         settings.image.crop = self.crop;
@@ -477,6 +477,11 @@ impl RenderOptions {
     /// As [`Settings::is_unbiased`].
     pub fn is_unbiased(&self) -> bool {
         self.complete(self.settings.settings_of_aspect(1.0)).is_unbiased()
+    }
+
+    /// The user names no technique.
+    pub fn is_automatic(&self) -> bool {
+        self.technique.0.is_none()
     }
 
     /// The user requests a piece of the image.
@@ -734,6 +739,18 @@ impl EarlierOptions {
 /// One of the techniques, by name.
 pub fn techniques() -> impl TypedValueParser<Value = Technique> {
     PossibleValuesParser::new(Technique::all().map(possible)).try_map(|name| name.parse())
+}
+
+/// A technique; none for `auto`.
+#[derive(Clone, Copy)]
+struct TechniqueChoice(Option<Technique>);
+
+/// One of the techniques, by name, or `auto`.
+fn technique_or_auto() -> impl TypedValueParser<Value = TechniqueChoice> {
+    let help = "shadow-photons, or path if --time is too short for photons";
+    let auto = PossibleValue::new("auto").help(help);
+    PossibleValuesParser::new(std::iter::once(auto).chain(Technique::all().map(possible)))
+        .map(|name| TechniqueChoice(name.parse().ok()))
 }
 
 fn possible(technique: Technique) -> PossibleValue {

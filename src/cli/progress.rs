@@ -1,9 +1,11 @@
 //! The progress of a render: a bar on a terminal, otherwise a line now and then.
 
 use std::io::{self, IsTerminal};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use kernel_kit::Gpu;
 use penumbra::{Progress, Settings};
 
 use super::say;
@@ -50,9 +52,9 @@ enum Target {
 /// Steps of the bar: more than a terminal has columns.
 const STEPS: u64 = 1000;
 
-impl Display {
-    pub fn new(goal: Goal, quiet: bool) -> Self {
-        let target = if quiet {
+impl Target {
+    fn new(quiet: bool) -> Target {
+        if quiet {
             Target::Nothing
         } else if io::stderr().is_terminal() {
             let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
@@ -62,7 +64,44 @@ impl Display {
             Target::Bar(bar)
         } else {
             Target::Lines(Duration::from_secs(1))
-        };
+        }
+    }
+
+    /// Shows what was done, a share of all, `elapsed` after the beginning.
+    fn show(&mut self, elapsed: Duration, share: f64, message: impl Fn() -> String) {
+        match self {
+            Target::Bar(bar) => {
+                bar.set_position((share * STEPS as f64) as u64);
+                bar.set_message(message());
+            }
+            Target::Lines(due) if elapsed >= *due => {
+                *due = 2 * elapsed;
+                say(message());
+            }
+            Target::Lines(_) | Target::Nothing => {}
+        }
+    }
+}
+
+/// Shows from now on how many kernels the driver has compiled, where it has not compiled them before.
+pub fn show_compilation(gpu: &Gpu, quiet: bool) {
+    let shown: Mutex<Option<(Instant, Target)>> = Mutex::default();
+    gpu.watch_compilation(move |done, all| {
+        let mut shown = shown.lock().unwrap_or_else(|e| e.into_inner());
+        let (started, target) = shown.get_or_insert_with(|| (Instant::now(), Target::new(quiet)));
+        target.show(started.elapsed(), done as f64 / all as f64, || format!("compiling {done} of {all} kernels"));
+        if done == all {
+            if let Target::Bar(bar) = target {
+                bar.finish_and_clear();
+            }
+            *shown = None;
+        }
+    });
+}
+
+impl Display {
+    pub fn new(goal: Goal, quiet: bool) -> Self {
+        let target = Target::new(quiet);
         let started = Instant::now();
         Display { target, goal, started, last: (started, 0) }
     }
@@ -82,19 +121,9 @@ impl Display {
                 100.0 * progress.boundary_share
             )
         };
-        match &mut self.target {
-            Target::Bar(bar) => {
-                let total = elapsed + left.unwrap_or(Duration::MAX / 2);
-                let done = elapsed.as_secs_f64() / total.as_secs_f64().max(f64::MIN_POSITIVE);
-                bar.set_position((done * STEPS as f64) as u64);
-                bar.set_message(message());
-            }
-            Target::Lines(due) if elapsed >= *due => {
-                *due = 2 * elapsed;
-                say(message());
-            }
-            Target::Lines(_) | Target::Nothing => {}
-        }
+        let total = elapsed + left.unwrap_or(Duration::MAX / 2);
+        let done = elapsed.as_secs_f64() / total.as_secs_f64().max(f64::MIN_POSITIVE);
+        self.target.show(elapsed, done, message);
     }
 }
 

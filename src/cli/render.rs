@@ -13,6 +13,7 @@ use penumbra::internal::render::recovery::{self, Failure, Salvage};
 use penumbra::internal::report::estimate;
 use penumbra::internal::report::metrics::Measures;
 use penumbra::internal::report::reference::Reference;
+use penumbra::internal::techniques::auto::Choice;
 use penumbra::settings::Denoise;
 use penumbra::{Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings, Statistics};
 
@@ -21,7 +22,7 @@ use super::interrupt::Interrupt;
 use super::options::{
     DeviceOptions, OidnOptions, RenderOptions, SceneOptions, Surroundings, denoisers, finite, positive, read_reference,
 };
-use super::progress::{Display, Goal, mega};
+use super::progress::{Display, Goal, mega, show_compilation};
 use super::sequence::{Frame, SequenceOptions};
 use super::{Ending, compare, json, print, say};
 
@@ -97,6 +98,10 @@ fn budget(text: &str) -> std::result::Result<Duration, String> {
     Duration::try_from_secs_f64(positive(text)?).map_err(|problem| problem.to_string())
 }
 
+/// Largest share of `--time` for denoising. A filter gains as much as many times the samples, and more where there are
+/// few.
+const DENOISED_SHARE: f64 = 0.5;
+
 /// Time between checkpoints: the maximum that a crash can lose.
 const CHECKPOINT: Duration = Duration::from_secs(60);
 
@@ -104,17 +109,36 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let started = Instant::now();
     let interrupt = Interrupt::listen();
     arguments.check()?;
-    let (denoiser, no_denoiser) = arguments.denoiser();
+    let (mut denoiser, no_denoiser) = arguments.denoiser();
     // A piece keeps what the denoisers of the merged image need.
     let is_piece = arguments.settings.is_piece();
     let denoise = if is_piece { arguments.denoise.unwrap_or_default() } else { denoiser.choice() };
     let opened = arguments.load_and_open(denoise)?;
-    let Opened { scene, camera, surroundings, settings, reference, mut gpu, import, start } = opened;
+    let Opened { scene, camera, surroundings, mut settings, reference, mut gpu, import, start } = opened;
     let from = arguments.checkpoint.as_ref().filter(|_| arguments.resume).map(Checkpoint::read).transpose()?;
     let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
     notes.say(&scene.notes);
     if let Some(problem) = &no_denoiser {
         notes.say(&[format!("{}; the image stays raw", with_flags(&problem.to_string()))]);
+    }
+    show_compilation(&gpu, arguments.quiet);
+    let pixels = u64::from(settings.image.part().width) * u64::from(settings.image.part().height);
+    if let Some(time) = arguments.time.filter(|_| arguments.denoise.is_none() && arguments.noise.is_none())
+        && denoiser.fit(&gpu, pixels, DENOISED_SHARE * time.as_secs_f64())
+    {
+        let rest = denoiser.names().next().map_or("the image stays raw".to_owned(), |name| {
+            format!("{name} alone removes noise, and its error is not estimated")
+        });
+        notes.say(&[format!("denoising would take too much of --time {}: {rest}", time.as_secs_f64())]);
+    }
+    if arguments.settings.is_automatic() {
+        let denoising = denoiser.seconds(&gpu, pixels);
+        let within = arguments.time.map(|time| time.as_secs_f64() - denoising);
+        let Choice { technique, reason } = Choice::new(&gpu, &scene, &camera, &settings, within);
+        settings.technique = technique;
+        notes.say(
+            &reason.map(|reason| format!("--technique {technique}, since {reason}")).into_iter().collect::<Vec<_>>(),
+        );
     }
     let mut session = Session {
         arguments,
@@ -265,9 +289,10 @@ impl Session<'_> {
     fn render_subject(&mut self, gpu: &mut Gpu, subject: &Subject, from: Option<Checkpoint>) -> Result<Image> {
         let Subject { scene, camera, settings } = subject;
         let device = &self.arguments.device;
-        let is_sequence = self.fingerprint.is_some();
+        let (is_sequence, quiet) = (self.fingerprint.is_some(), self.arguments.quiet);
         let open = || {
             let gpu = device.open()?;
+            show_compilation(&gpu, quiet);
             if is_sequence {
                 gpu.keep_kernels();
             }
@@ -298,7 +323,10 @@ impl Session<'_> {
         self.notes.say(renderer.notes());
         // Before this point there is nothing to save.
         self.interrupt.defer();
-        let deadline = arguments.time.map(|time| self.started + time);
+        let part = renderer.settings().image.part();
+        let denoising = self.denoiser.seconds(renderer.gpu(), u64::from(part.width) * u64::from(part.height));
+        let deadline =
+            arguments.time.map(|time| self.started + time.saturating_sub(Duration::from_secs_f64(denoising)));
         if !arguments.quiet && !self.announced {
             let Settings { technique, image, .. } = renderer.settings();
             let device = &renderer.gpu().info.name;
@@ -306,15 +334,18 @@ impl Session<'_> {
             self.announced = true;
         }
         let mut display = Display::new(Goal { spp: self.spp, deadline }, arguments.quiet);
-        let mut batch = Instant::now();
         let mut written = Instant::now();
         while renderer.wants_samples(self.denoiser)? {
-            display.update(&renderer.render_batch()?);
-            let took = batch.elapsed();
-            batch = Instant::now();
-            // Another batch of the same length would end too late.
-            let late = deadline.is_some_and(|deadline| batch + took > deadline);
-            if self.interrupt.raised() || late {
+            let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()).as_secs_f64());
+            let progress = match left {
+                None => Some(renderer.render_batch()?),
+                // A render that goes on later is to have the bits of one without an interruption.
+                Some(left) if arguments.checkpoint.is_some() => renderer.render_batch_within(left)?,
+                Some(left) => renderer.render_within(left)?,
+            };
+            let Some(progress) = progress else { break };
+            display.update(&progress);
+            if self.interrupt.raised() {
                 break;
             }
             if let Some(path) = arguments.checkpoint.as_ref().filter(|_| written.elapsed() > CHECKPOINT) {

@@ -159,7 +159,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         let own = starters.iter().find(|starter| starter.entrant() == *entrant);
         time.warm_up = own.map_or(0.0, |starter| starter.warm_up);
     }
-    let timed: f64 = runs.iter().map(|run| run.spent).sum();
+    let timed: f64 = runs.iter().map(|run| run.time).sum();
     report.overhead = Overhead::new(timed, (measured + resumed.elapsed()).as_secs_f64());
     arguments.write(&report, &reference, &runs)?;
     end

@@ -1,6 +1,9 @@
 //! Indirect light: the global map, the irradiance cache, and paths for the light that neither of them holds. In
 //! techniques without separate direct light these compute all light.
 
+use std::collections::BTreeMap;
+use std::time::Instant;
+
 use kernel_kit::{Bindings, Frame};
 
 use super::global_map::GlobalMap;
@@ -32,7 +35,38 @@ pub(crate) struct MadeIndirect {
     pub records: Option<Records>,
 }
 
+/// The passes of indirect light whose time grows with the photons and gather rays of a stage.
+const RAY_PASSES: [&str; 4] = ["flux/", "grid/", "irradiance/", "gather/"];
+
+/// Seconds to make indirect light.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct IndirectCost {
+    /// In proportion to photons and gather rays.
+    rays: f64,
+    /// The same in all stages.
+    other: f64,
+}
+
+impl IndirectCost {
+    /// Of `seconds` in all, during which passes took the difference of these times. Where the device has no times of
+    /// passes, all counts as that of rays, which foresees too much.
+    pub fn new(seconds: f64, before: &BTreeMap<String, f64>, after: &BTreeMap<String, f64>) -> IndirectCost {
+        let is_of_rays = |name: &str| RAY_PASSES.iter().any(|pass| name.starts_with(pass));
+        let sum = |times: &BTreeMap<String, f64>| -> f64 {
+            times.iter().filter(|(name, _)| is_of_rays(name)).map(|(_, seconds)| seconds).sum()
+        };
+        let rays = if after.is_empty() { seconds } else { (sum(after) - sum(before)).clamp(0.0, seconds) };
+        IndirectCost { rays, other: seconds - rays }
+    }
+
+    /// That of `more` stages later: each has four times the rays.
+    pub fn after(self, more: i32) -> f64 {
+        self.rays * 4f64.powi(more) + self.other
+    }
+}
+
 pub(crate) struct IndirectLight {
+    cost: IndirectCost,
     /// The map in which paths and gather rays end, or which is shown directly.
     map: Option<GlobalMap>,
     /// The cache of the diffuse part.
@@ -47,6 +81,7 @@ impl IndirectLight {
     /// Traces the flux photons, sorts them into the global map unless there is one, and fills the irradiance cache. A
     /// part without kernels is left out.
     pub fn new(setup: &IndirectSetup<'_>, made: MadeIndirect, totals: &mut Totals) -> Result<IndirectLight> {
+        let (start, times) = (Instant::now(), setup.shared.gpu.pass_times()?);
         let MadeIndirect { map: made, records } = made;
         let IndirectSetup { shared, kernels, primary, camera, settings } = *setup;
         let IndirectKernels { global_map, cache, path, features, .. } = kernels;
@@ -76,7 +111,14 @@ impl IndirectLight {
             Some(path) => (Some(path.bind(gpu, tile, &sets)?), None),
             None => (None, None),
         };
-        Ok(IndirectLight { map, cache, path, highlights })
+        gpu.wait("indirect light")?;
+        let cost = IndirectCost::new(start.elapsed().as_secs_f64(), &times, &gpu.pass_times()?);
+        Ok(IndirectLight { cost, map, cache, path, highlights })
+    }
+
+    /// What it took to make it.
+    pub fn cost(&self) -> IndirectCost {
+        self.cost
     }
 
     /// Whether there is a global map, which more photons would refine.
@@ -122,5 +164,24 @@ impl IndirectLight {
     pub fn frame_bytes(&self) -> u64 {
         let queue = self.highlights.as_ref().map_or(0, |(_, queue)| queue.path_points.bytes);
         self.cache.as_ref().map_or(0, IrradianceCache::frame_bytes) + queue
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Only the passes of rays grow with the stage, by four each time.
+    #[test]
+    fn later_stages_take_four_times_the_rays() {
+        let times = |gather: f64, cache: f64| {
+            BTreeMap::from([("gather/follow".to_owned(), gather), ("cache/request".to_owned(), cache)])
+        };
+        let cost = IndirectCost::new(1.0, &times(1.0, 1.0), &times(1.25, 3.0));
+        assert_eq!(cost.after(0), 1.0);
+        assert_eq!(cost.after(1), 0.75 + 4.0 * 0.25);
+        assert_eq!(cost.after(2), 0.75 + 16.0 * 0.25);
+        let unknown = IndirectCost::new(1.0, &BTreeMap::new(), &BTreeMap::new());
+        assert_eq!(unknown.after(1), 4.0);
     }
 }

@@ -49,13 +49,18 @@ impl Renderer<'_> {
     /// As [`Renderer::render_batch`].
     pub fn render_up_to(&mut self, limit: u32) -> Result<Progress> {
         self.refine()?;
-        let start = Instant::now();
+        self.add_samples(limit)
+    }
+
+    /// As [`Renderer::render_up_to`], with the indirect light that there is.
+    pub(super) fn add_samples(&mut self, limit: u32) -> Result<Progress> {
+        let begun = Instant::now();
+        let start = begun;
         if self.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());
         }
         let batch = self.blocks.as_ref().and_then(Blocks::batch);
-        let next = self.settings.image.range().first + self.samples;
-        let first_sample = batch.as_ref().map_or(next, |batch| batch.first_sample);
+        let first_sample = self.first_sample(batch.as_ref());
         let layers = self.layers_of_batch(limit, first_sample, batch.as_ref());
         if self.batches > 0 && self.piece_sums.is_none() {
             self.repair_map()?;
@@ -85,12 +90,24 @@ impl Renderer<'_> {
         let start = Instant::now();
         self.keep()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
+        self.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / f64::from(layers));
         Ok(self.progress())
     }
 
     fn progress(&self) -> Progress {
         let points = self.totals.points();
         Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share }
+    }
+
+    /// The first sample of the next batch.
+    fn first_sample(&self, batch: Option<&Batch>) -> u32 {
+        batch.map_or(self.settings.image.range().first + self.samples, |batch| batch.first_sample)
+    }
+
+    /// Samples per pixel of the next batch, if no limit makes them fewer.
+    pub(super) fn next_layers(&self) -> u32 {
+        let batch = self.blocks.as_ref().and_then(Blocks::batch);
+        self.layers_of_batch(u32::MAX, self.first_sample(batch.as_ref()), batch.as_ref())
     }
 
     /// Samples per pixel of the next batch, of pixels that have `samples`.

@@ -24,6 +24,7 @@ mod renderer;
 mod resume;
 mod stages;
 mod tiles;
+mod time_limit;
 mod trial;
 
 pub use batches::Progress;

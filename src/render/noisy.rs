@@ -20,7 +20,11 @@ pub(super) fn add_denoised(
     size: [u32; 2],
     background: Background,
 ) -> Result<()> {
-    let Some(denoised) = denoiser.denoise(gpu, &noisy(sums, size)?)? else { return Ok(()) };
+    let mut noisy = noisy(sums, size)?;
+    if denoiser.is_quick {
+        noisy.halves = None;
+    }
+    let Some(denoised) = denoiser.denoise(gpu, &noisy)? else { return Ok(()) };
     let mut colours = denoised.colour;
     if let Some(background) = colour_of(background) {
         let means = means(sums, Quantity::Direct)?.unwrap_or_default();

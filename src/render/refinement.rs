@@ -19,19 +19,31 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`Renderer::new`].
     pub fn refine(&mut self) -> Result<()> {
-        let start = Instant::now();
-        self.refine_for(self.settings.image.range().first + self.samples)?;
-        self.totals.time_render += start.elapsed().as_secs_f64();
-        Ok(())
+        self.refine_to(self.due_stage())
     }
 
     /// As [`Renderer::refine`], for that number of samples.
     pub(super) fn refine_for(&mut self, samples: u32) -> Result<()> {
+        self.refine_to(self.stage_for(samples))
+    }
+
+    /// The stage for the next sample, if there is time for it.
+    pub(super) fn due_stage(&self) -> i32 {
+        self.stage_for(self.settings.image.range().first + self.samples)
+    }
+
+    /// That of the samples that follow the first `samples`.
+    fn stage_for(&self, samples: u32) -> i32 {
         let has_map = self.lighting.indirect.as_ref().is_some_and(IndirectLight::has_map);
-        let stage = stage(&self.settings, samples);
-        if !has_map || stage == self.stage {
+        if has_map { stage(&self.settings, samples) } else { self.stage }
+    }
+
+    /// Makes the indirect light of a stage, unless that is in use.
+    pub(super) fn refine_to(&mut self, stage: i32) -> Result<()> {
+        if stage == self.stage {
             return Ok(());
         }
+        let start = Instant::now();
         if self.has_other_views && self.stage == self.first_stage() {
             self.first_map = self.lighting.indirect.take().and_then(|indirect| indirect.into_made().map);
         }
@@ -47,6 +59,7 @@ impl Renderer<'_> {
         };
         self.lighting.indirect = Some(IndirectLight::new(&setup, MadeIndirect::default(), &mut self.totals)?);
         self.stage = stage;
+        self.totals.time_render += start.elapsed().as_secs_f64();
         Ok(())
     }
 

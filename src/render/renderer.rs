@@ -70,6 +70,8 @@ pub struct Renderer<'g> {
     /// Calls of [`Renderer::render_batch`] so far.
     pub(super) batches: u32,
     pub(super) totals: Totals,
+    /// Of the last batch; none before the first.
+    pub(super) seconds_per_sample: Option<f64>,
     /// [`Gpu::pass_times`] before the render: those of earlier renders on this device.
     pub(super) earlier_pass_times: BTreeMap<String, f64>,
     /// The sums of a piece; none of other renders, whose film has the sums.
@@ -141,6 +143,7 @@ impl<'g> Renderer<'g> {
             piece_sums,
             batches: 0,
             totals,
+            seconds_per_sample: None,
             earlier_pass_times,
             keeping: None,
         })

@@ -62,8 +62,6 @@ pub struct Run {
     pub map_left_out: Option<String>,
     /// Seconds until the last image, without the time for snapshots.
     pub time: f64,
-    /// `time`, and the seconds of preparation for samples that no longer fitted into the last budget.
-    pub spent: f64,
 }
 
 /// The state of a run at a budget.
@@ -180,7 +178,7 @@ impl Run {
                 return Ok(None);
             }
             let shown = snapshots.last().map_or(0, |snapshot| snapshot.samples);
-            if timed.renderer.samples() > shown && timed.sampled + denoise <= MAX_LATENESS * budget {
+            if timed.renderer.samples() > shown && timed.time + denoise <= MAX_LATENESS * budget {
                 let (snapshot, before) = timed.snapshot(budget, &starter.denoiser)?;
                 denoise = snapshot.denoise;
                 if snapshot.time() <= MAX_LATENESS * budget {
@@ -189,7 +187,7 @@ impl Run {
                 }
             }
         }
-        let TimedRender { renderer, setup, time, sampled, first, passes, .. } = timed;
+        let TimedRender { renderer, setup, time, first, passes } = timed;
         let mut statistics = renderer.statistics()?;
         statistics.time.passes = passes;
         statistics.time.passes.retain(|name, _| !name.starts_with(DENOISER_PASSES));
@@ -206,8 +204,7 @@ impl Run {
             denoise,
             statistics,
             map_left_out,
-            time: sampled + denoise,
-            spent: time + denoise,
+            time: time + denoise,
         }))
     }
 
@@ -224,14 +221,10 @@ struct TimedRender<'a> {
     setup: f64,
     /// Seconds so far.
     time: f64,
-    /// Seconds until the last sample. Preparation for further samples does not improve the image, so it does not count.
-    sampled: f64,
     /// Seconds until the first image.
     first: Option<f64>,
     /// Pass times up to the last sample.
     passes: BTreeMap<String, f64>,
-    /// Of the last batch.
-    seconds_per_sample: Option<f64>,
 }
 
 impl<'a> TimedRender<'a> {
@@ -243,33 +236,25 @@ impl<'a> TimedRender<'a> {
         let renderer = Renderer::new(gpu, scene, subject.camera, settings)?;
         let setup = start.elapsed().as_secs_f64();
         let passes = renderer.pass_times()?;
-        let (time, sampled) = (setup, setup);
-        Ok(TimedRender { renderer, setup, time, sampled, first: None, passes, seconds_per_sample: None })
+        Ok(TimedRender { renderer, setup, time: setup, first: None, passes })
     }
 
     /// Takes the samples expected to end within `budget`, in seconds since the start. False once `stop` returns true.
     fn render_until(&mut self, budget: f64, stop: &dyn Fn() -> bool) -> Result<bool> {
-        loop {
-            let start = Instant::now();
-            self.renderer.refine()?;
-            self.time += start.elapsed().as_secs_f64();
-            let left = budget - self.time;
-            let limit = self.seconds_per_sample.map_or(u32::from(left > 0.0), |seconds| (left / seconds) as u32);
-            if limit == 0 {
-                return Ok(true);
-            }
+        // A budget that set-up has used up gets no image.
+        while self.time < budget {
             if stop() {
                 return Ok(false);
             }
-            let (before, start) = (self.renderer.samples(), Instant::now());
-            self.renderer.render_up_to(limit)?;
-            let took = start.elapsed().as_secs_f64();
-            self.time += took;
-            self.sampled = self.time;
-            self.first.get_or_insert(self.sampled);
-            self.seconds_per_sample = Some(took / f64::from(self.renderer.samples() - before));
+            let start = Instant::now();
+            if self.renderer.render_within(budget - self.time)?.is_none() {
+                break;
+            }
+            self.time += start.elapsed().as_secs_f64();
+            self.first.get_or_insert(self.time);
             self.passes = self.renderer.pass_times()?;
         }
+        Ok(true)
     }
 
     /// The snapshot, and the image before its noise was removed, if it was; see [`Run::noisy`].
@@ -281,7 +266,7 @@ impl<'a> TimedRender<'a> {
         let denoised = image.denoised();
         let snapshot = |image: Image, denoise: f64, estimate: Option<f64>| -> Result<Snapshot> {
             let (samples, rays) = (self.renderer.samples(), self.renderer.statistics()?.rays);
-            Ok(Snapshot { budget, sampled: self.sampled, denoise, samples, rays, image: colour(image), estimate })
+            Ok(Snapshot { budget, sampled: self.time, denoise, samples, rays, image: colour(image), estimate })
         };
         match denoised {
             None => Ok((snapshot(image, 0.0, None)?, None)),

@@ -1,6 +1,7 @@
 //! The techniques, one file each: name, help, requirements, whether the image is unbiased, and the two passes. A new
 //! technique is a new file, with a `mod` line and a line in `TECHNIQUES` here.
 
+pub mod auto;
 mod light_buffer;
 mod negative_photons;
 pub(crate) mod passes;

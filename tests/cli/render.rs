@@ -357,3 +357,33 @@ mod stopped {
         }
     }
 }
+
+/// A render that is to end at once takes paths, says so, and has one sample; a technique that the user names stays.
+#[test]
+fn a_short_time_is_for_paths() {
+    let folder = folder();
+    let [image, file] = ["a.png", "a.json"].map(|name| folder.path().join(name));
+    let render = |arguments: &str| {
+        let mut command =
+            penumbra(&format!("render --device {} --width 24 --height 16 {arguments}", device()), &[&BOX]);
+        let answer = Answer::of(command.arg("-o").arg(&image).arg("--stats").arg(&file));
+        answer.assert_done();
+        (read_json(&file), answer)
+    };
+    let (statistics, answer) = render("--time 0.001");
+    assert_eq!(statistics["samples"], 1);
+    // On a GPU photons and filters are fast.
+    if statistics["device"]["kind"] == "software" {
+        assert_eq!(statistics["settings"]["technique"], "path");
+        assert!(answer.stderr.contains("--technique path, since photons and records"), "{}", answer.stderr);
+        assert!(answer.stderr.contains("denoising would take too much of --time 0.001"), "{}", answer.stderr);
+    }
+    for (arguments, technique) in [
+        ("--time 0.001 --technique two-pass", "two-pass"),
+        ("--time 60 --spp 2", "shadow-photons"),
+        ("--spp 2", "shadow-photons"),
+        ("--spp 2 --technique auto", "shadow-photons"),
+    ] {
+        assert_eq!(render(arguments).0["settings"]["technique"], technique, "{arguments}");
+    }
+}

@@ -44,12 +44,11 @@ fn help_states_the_defaults_and_names() {
         Settings::default().visibility_map.nearest,
         Settings::default().visibility_map.shadow_photons_per_ray,
     );
-    let (shadow_samples, audit, max_bounces, light_scale, technique) = (
+    let (shadow_samples, audit, max_bounces, light_scale) = (
         Settings::default().shadow_rays.samples,
         Settings::default().visibility_map.audit,
         Settings::default().indirect.max_bounces,
         Settings::default().light_scale,
-        Settings::default().technique,
     );
     let (cells, cell_rays, shadow_tolerance) = (
         Settings::default().cells.resolution,
@@ -57,7 +56,7 @@ fn help_states_the_defaults_and_names() {
         Settings::default().ward.tolerance,
     );
     for (option, default) in [
-        ("--technique <", technique.to_string()),
+        ("--technique <", "auto".to_owned()),
         ("--height <", height.to_string()),
         ("--spp <", spp.to_string()),
         ("--seed <", seed.to_string()),

@@ -27,5 +27,6 @@ mod shown;
 mod smooth;
 mod table;
 mod table1;
+mod time_limit;
 mod transmitted;
 mod trial;

@@ -210,7 +210,6 @@ fn a_denoised_image_has_the_error_that_it_expects() {
                 statistics: renderer.statistics().unwrap(),
                 map_left_out: None,
                 time: 1.0,
-                spent: 1.0,
             });
         }
     }

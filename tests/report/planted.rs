@@ -34,7 +34,6 @@ fn run(subject: &Subject<'_>, settings: Settings, plant: impl Fn(u32, &mut Image
         statistics,
         map_left_out: None,
         time: 4.0,
-        spent: 4.0,
     }
 }
 

@@ -6,14 +6,14 @@
 //! from all cores.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use crate::adapter;
 use crate::binding::{Binding, Bindings};
 use crate::buffer::{MIN_BYTES, TABLE_WIDTH, table_rows};
-use crate::device::Gpu;
+use crate::device::{Gpu, lock};
 use crate::error::Result;
 use crate::pipeline::{Entry, Undispatched, Variable};
 use crate::uniforms::{First, GROUP, Uniforms};
@@ -36,13 +36,17 @@ impl Gpu {
         let waiting = std::mem::take(&mut *self.undispatched());
         let mut stage = Stage { device: &self.device, queue: &self.queue, known, textures: Vec::new() };
         let mut translated = 0;
+        let watch = self.watch().unwrap_or_else(|| Arc::new(|_, _| ()));
         for (i, kernel) in waiting.iter().enumerate() {
             let start = Instant::now();
             stage.dispatch(&kernel.entry)?;
             self.wait(&kernel.entry.interface.label())?;
             translated += usize::from(start.elapsed() > TRANSLATED);
+            if (1..=SURE).contains(&translated) {
+                watch(i + 1, waiting.len());
+            }
             if translated == SURE {
-                self.fill_cache(&waiting[i + 1..], known);
+                self.fill_cache(&waiting[i + 1..], known, &|done| watch(i + 1 + done, waiting.len()));
                 translated += 1;
             }
         }
@@ -51,8 +55,9 @@ impl Gpu {
 
     /// Has further devices translate the kernels, so that the driver's cache has them. What fails there fails on this
     /// device as well, which will say so.
-    fn fill_cache(&self, kernels: &[Undispatched], known: &(dyn Bindings + Sync)) {
-        let next = AtomicUsize::new(0);
+    /// `watch` hears how many are done.
+    fn fill_cache(&self, kernels: &[Undispatched], known: &(dyn Bindings + Sync), watch: &(dyn Fn(usize) + Sync)) {
+        let (next, done) = (AtomicUsize::new(0), Mutex::new(0));
         let workers = std::thread::available_parallelism().map_or(1, usize::from).min(kernels.len());
         let work = || {
             let Ok((device, queue)) = adapter::request(&self.adapter, self.requested) else { return };
@@ -63,6 +68,10 @@ impl Gpu {
                 let built = interface.build(&device, source, &source.shader(&device));
                 let _ = stage.dispatch(&Entry { interface, built });
                 let _ = device.poll(wgpu::PollType::wait_indefinitely());
+                // One after the other, so that numbers only grow.
+                let mut done = lock(&done);
+                *done += 1;
+                watch(*done);
             }
         };
         std::thread::scope(|scope| {

@@ -36,11 +36,15 @@ pub struct Gpu {
     timer: Mutex<Timer>,
     undispatched: Mutex<Vec<Undispatched>>,
     kept: Mutex<Option<Kept>>,
+    watch: Mutex<Option<Watch>>,
     fault: Arc<Mutex<Option<Fault>>>,
 }
 
 /// Tables are buffers only where the device allows at least as many of a stage: a kernel's own, and a dozen tables.
 const TABLE_BUFFERS: u32 = 24;
+
+/// Hears how many kernels the driver has translated, and how many there are.
+pub(crate) type Watch = Arc<dyn Fn(usize, usize) + Send + Sync>;
 
 #[derive(Clone, Debug)]
 enum Fault {
@@ -49,7 +53,7 @@ enum Fault {
     Other(String),
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(|e| e.into_inner())
 }
 
@@ -141,6 +145,7 @@ impl Gpu {
             timer,
             undispatched: Mutex::default(),
             kept: Mutex::default(),
+            watch: Mutex::default(),
             fault,
         }
     }
@@ -159,6 +164,17 @@ impl Gpu {
     /// programs that need the same kernels for one scene after another.
     pub fn keep_kernels(&self) {
         self.kept().get_or_insert_default();
+    }
+
+    /// Has [`Gpu::compile_ahead`] tell `watch` from now on how many kernels the driver has translated and how many there
+    /// are, from any thread. It says nothing as long as the driver's cache on disk has all of them.
+    pub fn watch_compilation(&self, watch: impl Fn(usize, usize) + Send + Sync + 'static) {
+        *lock(&self.watch) = Some(Arc::new(watch));
+    }
+
+    /// What watches compilation.
+    pub(crate) fn watch(&self) -> Option<Watch> {
+        lock(&self.watch).clone()
     }
 
     /// Number of kernels that are kept.

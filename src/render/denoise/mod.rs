@@ -95,6 +95,18 @@ trait Filter {
     fn name(&self) -> &'static str;
 
     fn filter(&self, gpu: &Gpu, noisy: &Noisy) -> Result<Filtered>;
+
+    /// Expected seconds for a pixel, of one run for all samples, or of three where halves are filtered too.
+    fn seconds_per_pixel(&self, gpu: &Gpu, runs: u32) -> f64;
+}
+
+/// Share of the time for denoising within which errors are estimated and filters mixed. That takes three times as long
+/// as a filter alone, and gains less than it: with samples in place of it more is gained where time is short.
+const MIXED_SHARE: f64 = 2.0 / 3.0;
+
+/// Seconds of one processor core, on all cores.
+fn on_all_cores(seconds: f64) -> f64 {
+    seconds / std::thread::available_parallelism().map_or(1, usize::from) as f64
 }
 
 /// Denoisers that are ready for use.
@@ -120,6 +132,8 @@ trait Filter {
 pub struct Denoiser {
     choice: Denoise,
     filters: Vec<Box<dyn Filter>>,
+    /// All samples are filtered at once, and errors are not estimated.
+    pub(super) is_quick: bool,
 }
 
 /// An image without noise.
@@ -152,7 +166,7 @@ impl Denoiser {
                 filters.push(Box::new(statistical::Statistical));
             }
         }
-        Ok(Denoiser { choice, filters })
+        Ok(Denoiser { choice, filters, is_quick: false })
     }
 
     /// What the settings of the render need to be.
@@ -163,6 +177,24 @@ impl Denoiser {
     /// The names of the denoisers, for messages.
     pub fn names(&self) -> impl Iterator<Item = &'static str> {
         self.filters.iter().map(|filter| filter.name())
+    }
+
+    /// Expected seconds for an image of so many pixels.
+    pub fn seconds(&self, gpu: &Gpu, pixels: u64) -> f64 {
+        let runs = if self.is_quick { 1 } else { 3 };
+        self.filters.iter().map(|filter| filter.seconds_per_pixel(gpu, runs)).sum::<f64>() * pixels as f64
+    }
+
+    /// Leaves out what is expected to take too much of `seconds` for an image of so many pixels: first the estimate of
+    /// errors, by which filters are mixed, then filters. Returns whether anything was left out.
+    pub fn fit(&mut self, gpu: &Gpu, pixels: u64, seconds: f64) -> bool {
+        if self.seconds(gpu, pixels) <= MIXED_SHARE * seconds {
+            return false;
+        }
+        self.is_quick = true;
+        self.filters.retain(|filter| filter.seconds_per_pixel(gpu, 1) * pixels as f64 <= seconds);
+        self.filters.truncate(1);
+        true
     }
 
     /// Removes the noise; none if there are no denoisers.

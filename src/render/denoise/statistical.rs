@@ -3,7 +3,7 @@
 use kernel_kit::Gpu;
 
 use super::stratification::{ratios, reduced};
-use super::{Colour, Filter, Filtered, Guides, Light, Noisy, Part};
+use super::{Colour, Filter, Filtered, Guides, Light, Noisy, Part, on_all_cores};
 use crate::passes::denoise::{Denoise, DenoiseParameters, PIXEL_VECTORS, REACH};
 use crate::specialisation::device_features;
 use crate::specialisation::features::Features;
@@ -12,6 +12,9 @@ use crate::{Error, Result};
 /// Maximum number of pixels that the device filters at a time: 112 MiB of input, which fit the smallest storage binding
 /// of Vulkan devices (128 MiB).
 const BAND_PIXELS: u32 = 1 << 20;
+
+/// Seconds of a processor core for a pixel and run: 0.64 s of two cores for 512 x 512 pixels (docs/decisions.md).
+const SECONDS_PER_PIXEL: f64 = 4.9e-6;
 
 /// The statistical denoiser as one of several.
 pub(super) struct Statistical;
@@ -23,6 +26,11 @@ impl Filter for Statistical {
 
     fn filter(&self, gpu: &Gpu, noisy: &Noisy) -> Result<Filtered> {
         StatisticalDenoiser::new(gpu)?.filter_noisy(noisy)
+    }
+
+    fn seconds_per_pixel(&self, gpu: &Gpu, runs: u32) -> f64 {
+        // A GPU takes a small part of a sample's time.
+        if gpu.is_software() { on_all_cores(f64::from(runs) * SECONDS_PER_PIXEL) } else { 0.0 }
     }
 }
 

@@ -1,5 +1,8 @@
 //! Opening devices, taking one that is open, and what is said of those that there are not.
 
+use std::sync::{Arc, Mutex};
+use std::time::{SystemTime, UNIX_EPOCH};
+
 use kernel_kit::{
     Composer, DeviceChoice, DeviceLimits, Error, Features, Gpu, Host, Kernel, Resources, kernel_test, test, wgpu,
 };
@@ -56,6 +59,38 @@ fn the_callers_device_is_taken(gpu: &Gpu) {
         let limit = gpu.max_buffer_bytes();
         assert_eq!(problem, Error::Buffer { buffer: "test/huge".into(), needed: 1 << 28, limit });
     }
+}
+
+/// Whoever watches the compilation of kernels that the driver has never seen hears of all of them.
+#[kernel_test]
+fn compilation_is_watched(gpu: &Gpu) {
+    if !gpu.is_software() {
+        return;
+    }
+    let gpu = Gpu::open(&same_device()).unwrap();
+    let heard = Arc::new(Mutex::new(Vec::new()));
+    let listener = heard.clone();
+    gpu.watch_compilation(move |done, all| listener.lock().unwrap().push((done, all)));
+    // No run before had this constant.
+    let salt = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().subsec_nanos();
+    for i in 0..6u32 {
+        // Large enough to take longer to translate than to find in the cache.
+        let steps: String =
+            (0..400).map(|step| format!("x = x * {}u + (x >> 7u);", salt ^ (1000 * i + step))).collect();
+        let source = format!(
+            "@group(0) @binding(0) var<storage, read_write> values: array<u32>;\n\
+             @compute @workgroup_size(64) fn mix(@builtin(global_invocation_id) id: vec3<u32>) {{\n\
+             var x = values[id.x]; {steps} values[id.x] = x; }}"
+        );
+        let composed = Composer::new().compose_source("mix", &source, &Features::none()).unwrap();
+        Kernel::new(&gpu, &composed, &Host::default()).unwrap();
+    }
+    gpu.compile_ahead(&Resources::new()).unwrap();
+    let mut heard = heard.lock().unwrap().clone();
+    heard.sort_unstable();
+    assert!(heard.iter().all(|(_, all)| *all == 6), "{heard:?}");
+    assert_eq!(heard.last(), Some(&(6, 6)));
+    assert!(heard.windows(2).all(|pair| pair[1].0 == pair[0].0 + 1), "{heard:?}");
 }
 
 /// With the least limits a device has no more than these, and says so.

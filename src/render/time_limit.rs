@@ -1,0 +1,59 @@
+//! Renders that are to end in time: samples and refinements that are expected to fit, and no others.
+
+use std::time::Instant;
+
+use super::batches::Progress;
+use super::renderer::Renderer;
+use crate::Result;
+use crate::light_transport::indirect_light::IndirectLight;
+
+/// Largest share of the time left that better indirect light may take: what it gains is in the samples that follow it.
+/// With half of it, as many of these fit as without.
+const REFINEMENT_SHARE: f64 = 0.5;
+
+impl Renderer<'_> {
+    /// As [`Renderer::render_batch`], with what is expected to end within `seconds` by the time that earlier batches
+    /// took: fewer samples, and better indirect light only where it leaves time for samples that gain from it; so the
+    /// bits depend on the time. None if not even one sample fits; the first one is always rendered.
+    ///
+    /// # Errors
+    /// As [`Renderer::render_batch`].
+    pub fn render_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
+        let start = Instant::now();
+        let sample = self.seconds_per_sample;
+        if sample.is_some_and(|sample| sample > seconds) {
+            return Ok(None);
+        }
+        self.refine_within(seconds)?;
+        let left = seconds - start.elapsed().as_secs_f64();
+        let limit = sample.map_or(1, |sample| ((left / sample) as u32).max(1));
+        self.add_samples(limit).map(Some)
+    }
+
+    /// As [`Renderer::render_batch`], if all of the batch and of the indirect light that is due is expected to end
+    /// within `seconds`; none if not. So an image of any number of samples has the bits that it has without a limit. The
+    /// first batch of a process is always rendered.
+    ///
+    /// # Errors
+    /// As [`Renderer::render_batch`].
+    pub fn render_batch_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
+        if let Some(sample) = self.seconds_per_sample {
+            let more = self.due_stage() - self.stage;
+            let cost = self.lighting.indirect.as_ref().map(IndirectLight::cost).filter(|_| more > 0);
+            let refinement = cost.map_or(0.0, |cost| cost.after(more));
+            if refinement + sample * f64::from(self.next_layers()) > seconds {
+                return Ok(None);
+            }
+        }
+        self.render_batch().map(Some)
+    }
+
+    /// Makes the best indirect light that is due and leaves enough of `seconds`.
+    fn refine_within(&mut self, seconds: f64) -> Result<()> {
+        let due = self.due_stage();
+        let most = REFINEMENT_SHARE * seconds;
+        let Some(cost) = self.lighting.indirect.as_ref().map(IndirectLight::cost) else { return Ok(()) };
+        let fitting = (self.stage + 1..=due).rev().find(|stage| cost.after(stage - self.stage) <= most);
+        fitting.map_or(Ok(()), |stage| self.refine_to(stage))
+    }
+}

@@ -1,0 +1,95 @@
+//! The technique of a render that names none.
+
+use kernel_kit::Gpu;
+
+use crate::scene::{Camera, Scene};
+use crate::settings::{Aov, Settings, Technique};
+use crate::specialisation::Specialisation;
+use crate::specialisation::features::Feature;
+
+/// A technique, and why it was taken.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Choice {
+    /// The technique.
+    pub technique: Technique,
+    /// The reason; none for the default.
+    pub reason: Option<String>,
+}
+
+/// What the first sample of the default technique takes on a software device of two cores, in seconds. Fitted to the
+/// scenes of `scenes/` at 512 x 512 pixels with kernels compiled before (docs/decisions.md, "A technique for the
+/// time").
+mod seconds {
+    /// Opening the device, reading and writing files.
+    pub const FILES: f64 = 0.1;
+    /// Composing kernels of Lambertian surfaces.
+    pub const KERNELS: f64 = 0.3;
+    /// More for kernels with glossy lobes or procedural objects.
+    pub const LARGE_KERNELS: f64 = 0.4;
+    /// Irradiance records and camera rays, for a pixel.
+    pub const PIXEL: f64 = 1e-6;
+    /// More for each doubling of the triangles.
+    pub const PIXEL_LEVEL: f64 = 6e-8;
+    /// A path, for a pixel where there are glossy lobes.
+    pub const PATH: f64 = 1.5e-6;
+    /// A shadow ray with its share of shading.
+    pub const SHADOW_RAY: f64 = 1.5e-7;
+    /// More for each doubling of the triangles.
+    pub const SHADOW_RAY_LEVEL: f64 = 1e-8;
+    /// Photons that tell which lights reach a zone, for each of many lights.
+    pub const LIGHT_OF_ZONES: f64 = 1e-3;
+}
+
+/// Cores for which these were measured.
+const MEASURED_CORES: f64 = 2.0;
+
+/// Share of the expected time of the first sample from which on the default technique is tried. Where its first sample
+/// just fits, `path` has up to four times its error.
+const MIN_SHARE: f64 = 0.8;
+
+impl Choice {
+    /// The technique for an image that is to be there `within` so many seconds, if it is to be at a time.
+    ///
+    /// That is the default technique: of many samples it has made the smallest error in all scenes that were measured.
+    /// Only its first sample comes later than that of paths, which need neither photons nor records.
+    pub fn new(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings, within: Option<f64>) -> Choice {
+        let usual = Choice { technique: Technique::default(), reason: None };
+        let Some(within) = within.filter(|_| gpu.is_software() && is_free(settings)) else { return usual };
+        let cores = std::thread::available_parallelism().map_or(1.0, |cores| usize::from(cores) as f64);
+        let expected = first_sample(scene, camera, settings, cores);
+        if within >= MIN_SHARE * expected {
+            return usual;
+        }
+        let reason = format!("photons and records would take about {expected:.1} s before the first image");
+        Choice { technique: Technique::PATH, reason: Some(reason) }
+    }
+}
+
+/// Whether paths can do all that the settings ask for.
+fn is_free(settings: &Settings) -> bool {
+    let Settings { visibility_map, indirect, image, .. } = settings;
+    let of_photons = visibility_map.photons_per_light.is_some()
+        || indirect.photons.is_some()
+        || indirect.irradiance_cache.gather_rays.is_some()
+        || image.aovs.contains(&Aov::Shadow);
+    !of_photons && settings.clone().with(|s| s.technique = Technique::PATH).check().is_ok()
+}
+
+/// Expected seconds until the first sample of the default technique is there.
+fn first_sample(scene: &Scene, camera: &Camera, settings: &Settings, cores: f64) -> f64 {
+    let settings = settings.clone().with(|s| s.technique = Technique::default());
+    let features = Specialisation::new(scene, Some(camera), &settings).features;
+    let is_large = features.has(Feature::Glossy) || features.has(Feature::Procedurals);
+    let kernels = seconds::KERNELS + if is_large { seconds::LARGE_KERNELS } else { 0.0 };
+    let has_zones = features.has(Feature::Zones);
+    let lights = if has_zones { settings.light_sampling.sampled_lights as usize } else { scene.lights.len() } as f64;
+    let zones = if has_zones { scene.lights.len() as f64 * seconds::LIGHT_OF_ZONES } else { 0.0 };
+    let part = settings.image.part();
+    let pixels = f64::from(part.width) * f64::from(part.height);
+    let levels = (scene.triangles.len().max(1) as f64).log2();
+    let rays = lights * f64::from(settings.shadow_rays.samples);
+    let path = if features.has(Feature::Glossy) { seconds::PATH } else { 0.0 };
+    let pixel = seconds::PIXEL + levels * seconds::PIXEL_LEVEL + path;
+    let ray = seconds::SHADOW_RAY + levels * seconds::SHADOW_RAY_LEVEL;
+    seconds::FILES + kernels + (zones + pixels * (pixel + rays * ray)) * MEASURED_CORES / cores
+}

@@ -1,0 +1,155 @@
+//! Renders that are to end in time.
+
+use penumbra::internal::scene::ImportOptions;
+use penumbra::internal::techniques::auto::Choice;
+use penumbra::settings::Denoise;
+use penumbra::{Aov, Denoiser, Renderer, Scene, Settings, Technique};
+
+use crate::setup::{gpu, scene_file};
+
+fn load(name: &str) -> Scene {
+    Scene::load(scene_file(name), &ImportOptions::default()).unwrap()
+}
+
+fn renderer(settings: &Settings) -> Renderer<'static> {
+    let scene = load("box.glb");
+    let camera = scene.cameras[0].clone();
+    Renderer::new(gpu(), scene, &camera, settings).unwrap()
+}
+
+fn settings(spp: u32) -> Settings {
+    Settings::builder().technique(Technique::TWO_PASS).size(48, 48).spp(spp).build().unwrap()
+}
+
+/// With time for everything the image has the bits of one without a limit, through all stages of indirect light.
+#[test]
+fn ample_time_changes_no_bit() {
+    let settings = settings(40);
+    let (mut limited, mut free) = (renderer(&settings), renderer(&settings));
+    while free.samples() < 40 {
+        free.render_batch().unwrap();
+        limited.render_within(1e9).unwrap().unwrap();
+        assert_eq!(limited.samples(), free.samples());
+    }
+    assert_eq!(limited.statistics().unwrap().rays, free.statistics().unwrap().rays);
+    let [a, b] = [limited.image().unwrap(), free.image().unwrap()];
+    for (a, b) in a.channels.iter().zip(&b.channels) {
+        assert_eq!(a.name, b.name);
+        assert!(a.samples.iter().zip(&b.samples).all(|(a, b)| a.to_bits() == b.to_bits()), "{}", a.name);
+    }
+}
+
+/// Whole batches have the bits of a render without a limit, wherever time ends.
+#[test]
+fn whole_batches_keep_their_bits() {
+    let settings = settings(8);
+    let (mut limited, mut free) = (renderer(&settings), renderer(&settings));
+    limited.render_batch_within(0.0).unwrap().unwrap();
+    assert!(limited.render_batch_within(0.0).unwrap().is_none());
+    let mut seconds = 1e-6;
+    while limited.samples() < 8 {
+        let before = limited.samples();
+        if limited.render_batch_within(seconds).unwrap().is_none() {
+            assert_eq!(limited.samples(), before);
+            seconds *= 2.0;
+        }
+    }
+    while free.samples() < 8 {
+        free.render_batch().unwrap();
+    }
+    let [a, b] = [limited.image().unwrap(), free.image().unwrap()];
+    for (a, b) in a.channels.iter().zip(&b.channels) {
+        assert!(a.samples.iter().zip(&b.samples).all(|(a, b)| a.to_bits() == b.to_bits()), "{}", a.name);
+    }
+}
+
+/// The first sample is rendered in any case, and no other without time.
+#[test]
+fn without_time_there_is_one_sample() {
+    let mut renderer = renderer(&settings(40));
+    assert_eq!(renderer.render_within(0.0).unwrap().unwrap().samples, 1);
+    assert!(renderer.render_within(0.0).unwrap().is_none());
+    assert!(renderer.render_within(-1.0).unwrap().is_none());
+    assert_eq!(renderer.samples(), 1);
+    let image = renderer.image().unwrap();
+    assert!(image.rgb().unwrap().iter().all(|channel| channel.iter().all(|x| x.is_finite())));
+}
+
+/// With little time samples are added, with the indirect light that there is: to make it anew takes many times as long.
+/// Once there is time it is made.
+#[test]
+fn little_time_is_for_samples() {
+    let mut renderer = renderer(&settings(40));
+    renderer.render_within(0.0).unwrap();
+    let first = renderer.statistics().unwrap().rays.gather;
+    assert!(first > 0);
+    // At most twice what a sample takes.
+    let mut seconds = 1e-6;
+    while renderer.render_within(seconds).unwrap().is_none() {
+        seconds *= 2.0;
+    }
+    assert!(renderer.samples() > 1);
+    assert_eq!(renderer.statistics().unwrap().rays.gather, first, "indirect light was made anew");
+    renderer.render_within(1e9).unwrap().unwrap();
+    assert!(renderer.statistics().unwrap().rays.gather > 4 * first, "indirect light was not made anew");
+}
+
+/// Denoisers that take too long first lose the estimate of errors, and then go.
+#[test]
+fn denoisers_fit_the_time() {
+    if !gpu().is_software() {
+        return;
+    }
+    let pixels = 48 * 48;
+    let new = || Denoiser::new(Denoise::Statistical, None).unwrap();
+    let whole = new().seconds(gpu(), pixels);
+    assert!(whole > 0.0);
+    let mut renderer = renderer(&settings(2).with(|s| s.image.denoise = Denoise::Statistical));
+    renderer.render_within(1e9).unwrap();
+    renderer.render_within(1e9).unwrap();
+    for (share, is_changed, is_denoised, has_error) in
+        [(1.51, false, true, true), (1.49, true, true, false), (0.34, true, true, false), (0.33, true, false, false)]
+    {
+        let mut denoiser = new();
+        assert_eq!(denoiser.fit(gpu(), pixels, share * whole), is_changed, "{share}");
+        assert!(denoiser.seconds(gpu(), pixels) <= share * whole, "{share}");
+        let image = renderer.denoised_image(&denoiser).unwrap();
+        assert_eq!(image.channel("denoised.R").is_some(), is_denoised, "{share}");
+        assert_eq!(image.channel("error").is_some(), has_error, "{share}");
+    }
+}
+
+/// Paths are taken where the first sample of the default technique would come too late, on a software device, and where
+/// nothing was asked for that they do not give.
+#[test]
+fn the_technique_fits_the_time() {
+    let is_software = gpu().is_software();
+    for name in ["box.glb", "still_life.glb", "lamps.glb"] {
+        let scene = load(name);
+        let camera = scene.cameras[0].clone();
+        let plain = settings(4).with(|s| s.technique = Technique::default());
+        let technique = |settings: &Settings, within: Option<f64>| {
+            let Choice { technique, reason } = Choice::new(gpu(), &scene, &camera, settings, within);
+            assert_eq!(reason.is_some(), technique != Technique::default(), "{name}");
+            technique
+        };
+        let short = if is_software { Technique::PATH } else { Technique::default() };
+        for (within, expected) in
+            [(None, Technique::default()), (Some(1e6), Technique::default()), (Some(0.0), short), (Some(-1.0), short)]
+        {
+            assert_eq!(technique(&plain, within), expected, "{name}, {within:?}");
+        }
+        // A large image takes longer than a small one.
+        let large = plain.clone().with(|s| (s.image.width, s.image.height) = (8192, 8192));
+        assert_eq!(technique(&large, Some(5.0)), short, "{name}");
+        assert_eq!(technique(&plain, Some(5.0)), Technique::default(), "{name}");
+        for asked in [
+            plain.clone().with(|s| s.image.aovs = vec![Aov::Shadow]),
+            plain.clone().with(|s| s.visibility_map.photons_per_light = Some(4096)),
+            plain.clone().with(|s| s.indirect.photons = Some(4096)),
+            plain.clone().with(|s| s.indirect.irradiance_cache.gather_rays = Some(64)),
+        ] {
+            assert_eq!(technique(&asked, Some(0.0)), Technique::default(), "{name}");
+        }
+    }
+}
