@@ -31,8 +31,8 @@ impl Renderer<'_> {
     }
 
     /// As [`Renderer::render_batch`], if all of the batch and of the indirect light that is due is expected to end
-    /// within `seconds`; none if not. So an image of any number of samples has the bits that it has without a limit. The
-    /// first batch of a process is always rendered.
+    /// within `seconds`; none if not. So an image of any number of samples has the bits that it has without a limit.
+    /// The first batch of a process is always rendered.
     ///
     /// # Errors
     /// As [`Renderer::render_batch`].

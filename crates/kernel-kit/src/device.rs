@@ -166,8 +166,8 @@ impl Gpu {
         self.kept().get_or_insert_default();
     }
 
-    /// Has [`Gpu::compile_ahead`] tell `watch` from now on how many kernels the driver has translated and how many there
-    /// are, from any thread. It says nothing as long as the driver's cache on disk has all of them.
+    /// Has [`Gpu::compile_ahead`] tell `watch` from now on how many kernels the driver has translated and how many
+    /// there are, from any thread. It says nothing as long as the driver's cache on disk has all of them.
     pub fn watch_compilation(&self, watch: impl Fn(usize, usize) + Send + Sync + 'static) {
         *lock(&self.watch) = Some(Arc::new(watch));
     }
