@@ -128,23 +128,23 @@ struct Centre {
     traits: vec4f,
 }
 
-fn surface_of(place: vec4f, rest: vec4f) -> Surface {
+fn surface_of(first: vec4f, rest: vec4f) -> Surface {
     let word = bitcast<u32>(rest.w);
     let bytes = vec4u(word & 255u, (word >> 8u) & 255u, (word >> 16u) & 255u, word >> 24u);
-    return Surface(place.xyz, rest.xyz, vec4f(vec4i(bytes)));
+    return Surface(first.xyz, rest.xyz, vec4f(vec4i(bytes)));
 }
 
-fn surface_at(place: u32) -> Surface {
-    return surface_of(load_surface(2u * place), load_surface(2u * place + 1u));
+fn surface_at(index: u32) -> Surface {
+    return surface_of(load_surface(2u * index), load_surface(2u * index + 1u));
 }
 
 fn is_kept(centre: Centre) -> bool {
     return centre.traits.w == NO_KIND;
 }
 
-fn centre_at(place: u32) -> Centre {
-    let first = load_surface(2u * place);
-    let own = surface_of(first, load_surface(2u * place + 1u));
+fn centre_at(index: u32) -> Centre {
+    let first = load_surface(2u * index);
+    let own = surface_of(first, load_surface(2u * index + 1u));
     let kind = select(own.traits.w, NO_KIND, own.traits.w == f32(KIND_KEPT));
     let plane = own.normal / (PLANE_SCALE * first.w);
     return Centre(own.position, own.normal / NORMAL_SCALE, plane, vec4f(own.traits.xyz, kind));
@@ -190,18 +190,18 @@ fn stride() -> u32 {
     return denoise.width + BORDER;
 }
 
-// Where the pixel of a column and row is in the tables.
-fn place_at(at: vec2u) -> u32 {
+// The index of the pixel of a column and row in the tables, which have two vectors for each.
+fn index_at(at: vec2u) -> u32 {
     return (at.y + BORDER) * stride() + at.x + BORDER;
 }
 
-fn place_of(pixel: u32) -> u32 {
-    return place_at(vec2u(column_and_row(pixel)));
+fn index_of(pixel: u32) -> u32 {
+    return index_at(vec2u(column_and_row(pixel)));
 }
 
-// The place `rows` below another.
-fn below(place: u32, rows: i32) -> u32 {
-    return u32(i32(place) + rows * i32(stride()));
+// The index of the pixel `rows` below another.
+fn below(index: u32, rows: i32) -> u32 {
+    return u32(i32(index) + rows * i32(stride()));
 }
 
 fn pixel_of(group: vec3u, groups: vec3u, lane: u32) -> u32 {
@@ -274,17 +274,17 @@ fn prepare(
     let direct = demodulated(pixel, 0u);
     let indirect = demodulated(pixel, 1u);
     let valid = direct.valid && indirect.valid;
-    let place = place_of(pixel);
-    light_out[2u * place] = select(vec4f(0.0), direct.value, valid);
-    light_out[2u * place + 1u] = select(vec4f(0.0), indirect.value, valid);
+    let index = index_of(pixel);
+    light_out[2u * index] = select(vec4f(0.0), direct.value, valid);
+    light_out[2u * index + 1u] = select(vec4f(0.0), indirect.value, valid);
     let has_surface = on_surface(pixel);
     let kind = select(KIND_KEPT, select(KIND_EMPTY, KIND_SURFACE, has_surface), valid);
     let position = select(vec3f(0.0), pixels[PIXEL_VECTORS * pixel + 6u].xyz, has_surface);
     // Any normal, the same for all.
     let normal = select(vec3f(1.0, 0.0, 0.0), normal_of(pixel), has_surface);
     let word = (pack4x8unorm(vec4f(albedo_of(pixel), 0.0)) & 0xffffffu) | (kind << 24u);
-    surface_out[2u * place] = vec4f(position, spacing_of(pixel));
-    surface_out[2u * place + 1u] = vec4f(normal, bitcast<f32>(word));
+    surface_out[2u * index] = vec4f(position, spacing_of(pixel));
+    surface_out[2u * index + 1u] = vec4f(normal, bitcast<f32>(word));
 }
 
 // Light that stands out from its neighbours (their mean, and their spread about it) by its own noise is drawn towards
@@ -310,11 +310,11 @@ struct Moments {
 }
 
 // With one more pixel, in the way that loses no digits beside bright light (West 1979).
-fn moments_with(sums: Moments, weight: f32, place: u32) -> Moments {
+fn moments_with(sums: Moments, weight: f32, index: u32) -> Moments {
     let weights = sums.weights + weight;
     let share = weight / max(weights, TINY);
-    let light = load_light(2u * place).xyz;
-    let other_light = load_light(2u * place + 1u).xyz;
+    let light = load_light(2u * index).xyz;
+    let other_light = load_light(2u * index + 1u).xyz;
     let a = light - sums.direct;
     let b = other_light - sums.indirect;
     let direct = sums.direct + share * a;
@@ -335,8 +335,8 @@ fn weight_at(centre: Centre, row: u32, x: i32, y: i32) -> f32 {
 }
 
 // With the row `y` below a pixel, but for the pixel itself.
-fn moments_with_row(before: Moments, centre: Centre, place: u32, y: i32) -> MomentsOfRow {
-    let row = below(place, y);
+fn moments_with_row(before: Moments, centre: Centre, index: u32, y: i32) -> MomentsOfRow {
+    let row = below(index, y);
     let a = weight_at(centre, row, -2, y);
     let b = weight_at(centre, row, -1, y);
     let middle = select(weight_at(centre, row, 0, y), 0.0, y == 0);
@@ -360,20 +360,20 @@ fn restrain(
 ) {
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
-    let place = place_of(pixel);
-    let centre = centre_at(place);
-    let a = moments_with_row(Moments(), centre, place, -2);
-    let b = moments_with_row(a.sums, centre, place, -1);
-    let c = moments_with_row(b.sums, centre, place, 0);
-    let d = moments_with_row(c.sums, centre, place, 1);
-    let e = moments_with_row(d.sums, centre, place, 2);
+    let index = index_of(pixel);
+    let centre = centre_at(index);
+    let a = moments_with_row(Moments(), centre, index, -2);
+    let b = moments_with_row(a.sums, centre, index, -1);
+    let c = moments_with_row(b.sums, centre, index, 0);
+    let d = moments_with_row(c.sums, centre, index, 1);
+    let e = moments_with_row(d.sums, centre, index, 2);
     let middle = pack4x8unorm(vec4f(a.middle, b.middle, d.middle, e.middle));
-    weights_out[2u * place] = vec4u(a.sides, b.sides, d.sides, e.sides);
-    weights_out[2u * place + 1u] = vec4u(c.sides, middle, select(1u, 0u, is_kept(centre)), 0u);
+    weights_out[2u * index] = vec4u(a.sides, b.sides, d.sides, e.sides);
+    weights_out[2u * index + 1u] = vec4u(c.sides, middle, select(1u, 0u, is_kept(centre)), 0u);
     let sums = e.sums;
     let spread = sums.squares * (sums.count / (max(sums.weights, TINY) * max(sums.count - 1.0, 1.0)));
-    light_out[2u * place] = restrained(load_light(2u * place), sums.direct, spread.x, sums.count);
-    light_out[2u * place + 1u] = restrained(load_light(2u * place + 1u), sums.indirect, spread.y, sums.count);
+    light_out[2u * index] = restrained(load_light(2u * index), sums.direct, spread.x, sums.count);
+    light_out[2u * index + 1u] = restrained(load_light(2u * index + 1u), sums.indirect, spread.y, sums.count);
 }
 
 // The weights that `restrain` kept: of the columns -2, -1, 1 and 2, and of the middle column, for the rows -2 to 2.
@@ -382,9 +382,9 @@ struct Window {
     middle: array<f32, 5>,
 }
 
-fn window_at(place: u32) -> Window {
-    let rows = load_weights(2u * place);
-    let rest = load_weights(2u * place + 1u);
+fn window_at(index: u32) -> Window {
+    let rows = load_weights(2u * index);
+    let rest = load_weights(2u * index + 1u);
     let column = unpack4x8unorm(rest.y);
     return Window(
         array<vec4f, 5>(
@@ -405,8 +405,8 @@ fn pooled(light: vec4f, neighbours: f32) -> vec4f {
 }
 
 // Variances of direct and of indirect light, and 1.
-fn variances_at(place: u32) -> vec3f {
-    return vec3f(load_light(2u * place).w, load_light(2u * place + 1u).w, 1.0);
+fn variances_at(index: u32) -> vec3f {
+    return vec3f(load_light(2u * index).w, load_light(2u * index + 1u).w, 1.0);
 }
 
 // Their sum over a row, times weight.
@@ -424,16 +424,16 @@ fn pool(
 ) {
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
-    let place = place_of(pixel);
-    let window = window_at(place);
+    let index = index_of(pixel);
+    let window = window_at(index);
     var sums = vec3f(0.0, 0.0, TINY);
-    sums += variances_of_row(window.sides[0], window.middle[0], below(place, -2));
-    sums += variances_of_row(window.sides[1], window.middle[1], below(place, -1));
-    sums += variances_of_row(window.sides[2], window.middle[2], place);
-    sums += variances_of_row(window.sides[3], window.middle[3], below(place, 1));
-    sums += variances_of_row(window.sides[4], window.middle[4], below(place, 2));
-    light_out[2u * place] = pooled(load_light(2u * place), sums.x / sums.z);
-    light_out[2u * place + 1u] = pooled(load_light(2u * place + 1u), sums.y / sums.z);
+    sums += variances_of_row(window.sides[0], window.middle[0], below(index, -2));
+    sums += variances_of_row(window.sides[1], window.middle[1], below(index, -1));
+    sums += variances_of_row(window.sides[2], window.middle[2], index);
+    sums += variances_of_row(window.sides[3], window.middle[3], below(index, 1));
+    sums += variances_of_row(window.sides[4], window.middle[4], below(index, 2));
+    light_out[2u * index] = pooled(load_light(2u * index), sums.x / sums.z);
+    light_out[2u * index + 1u] = pooled(load_light(2u * index + 1u), sums.y / sums.z);
 }
 
 // Light of a pixel near another, and its weight.
@@ -443,8 +443,8 @@ struct Member {
     indirect: vec3f,
 }
 
-fn member(weight: f32, place: u32) -> Member {
-    return Member(weight, load_light(2u * place).xyz, load_light(2u * place + 1u).xyz);
+fn member(weight: f32, index: u32) -> Member {
+    return Member(weight, load_light(2u * index).xyz, load_light(2u * index + 1u).xyz);
 }
 
 fn members(sides: vec4f, middle: f32, row: u32) -> array<Member, 5> {
@@ -489,13 +489,13 @@ fn pool_single(
 ) {
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
-    let place = place_of(pixel);
-    let window = window_at(place);
-    let a = members(window.sides[0], window.middle[0], below(place, -2));
-    let b = members(window.sides[1], window.middle[1], below(place, -1));
-    let c = members(window.sides[2], window.middle[2], place);
-    let d = members(window.sides[3], window.middle[3], below(place, 1));
-    let e = members(window.sides[4], window.middle[4], below(place, 2));
+    let index = index_of(pixel);
+    let window = window_at(index);
+    let a = members(window.sides[0], window.middle[0], below(index, -2));
+    let b = members(window.sides[1], window.middle[1], below(index, -1));
+    let c = members(window.sides[2], window.middle[2], index);
+    let d = members(window.sides[3], window.middle[3], below(index, 1));
+    let e = members(window.sides[4], window.middle[4], below(index, 2));
     let rows = along(a) + along(b) + along(c) + along(d) + along(e);
     let near = rows + across(a, b) + across(b, c) + across(c, d) + across(d, e);
     let rows_two = along_two(a) + along_two(b) + along_two(c) + along_two(d) + along_two(e);
@@ -504,8 +504,8 @@ fn pool_single(
     let one = 0.5 * near.xy / max(near.z, TINY);
     let two = 0.5 * far.xy / max(far.z, TINY);
     let variance = clamp(2.0 * one - two, vec2f(0.0), one);
-    light_out[2u * place] = vec4f(load_light(2u * place).xyz, variance.x);
-    light_out[2u * place + 1u] = vec4f(load_light(2u * place + 1u).xyz, variance.y);
+    light_out[2u * index] = vec4f(load_light(2u * index).xyz, variance.x);
+    light_out[2u * index + 1u] = vec4f(load_light(2u * index + 1u).xyz, variance.y);
 }
 
 // Sums of light times weight, of variance times its square, and of weights.
@@ -523,8 +523,8 @@ fn sums_of(sums: Sums, weights: vec2f, direct: vec4f, indirect: vec4f) -> Sums {
     );
 }
 
-fn sums_with(sums: Sums, weights: vec2f, place: u32) -> Sums {
-    return sums_of(sums, weights, load_light(2u * place), load_light(2u * place + 1u));
+fn sums_with(sums: Sums, weights: vec2f, index: u32) -> Sums {
+    return sums_of(sums, weights, load_light(2u * index), load_light(2u * index + 1u));
 }
 
 // The mean and its variance.
@@ -533,9 +533,9 @@ fn mean_of(sum: vec4f, weights: f32) -> vec4f {
     return vec4f(vec3f(scale), scale * scale) * sum;
 }
 
-fn write_means(sums: Sums, place: u32) {
-    light_out[2u * place] = mean_of(sums.direct, sums.weights.x);
-    light_out[2u * place + 1u] = mean_of(sums.indirect, sums.weights.y);
+fn write_means(sums: Sums, index: u32) {
+    light_out[2u * index] = mean_of(sums.direct, sums.weights.x);
+    light_out[2u * index + 1u] = mean_of(sums.indirect, sums.weights.y);
 }
 
 fn sums_with_row(sums: Sums, left: f32, middle: f32, right: f32, row: u32) -> Sums {
@@ -552,14 +552,14 @@ fn smooth_light(
 ) {
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
-    let place = place_of(pixel);
-    let window = window_at(place);
+    let index = index_of(pixel);
+    let window = window_at(index);
     let sides = window.sides;
     var sums = Sums();
-    sums = sums_with_row(sums, sides[1].y, window.middle[1], sides[1].z, below(place, -1));
-    sums = sums_with_row(sums, sides[2].y, window.middle[2], sides[2].z, place);
-    sums = sums_with_row(sums, sides[3].y, window.middle[3], sides[3].z, below(place, 1));
-    write_means(sums, place);
+    sums = sums_with_row(sums, sides[1].y, window.middle[1], sides[1].z, below(index, -1));
+    sums = sums_with_row(sums, sides[2].y, window.middle[2], sides[2].z, index);
+    sums = sums_with_row(sums, sides[3].y, window.middle[3], sides[3].z, below(index, 1));
+    write_means(sums, index);
 }
 
 // A pixel and its guides, for direct and for indirect light.
@@ -569,8 +569,8 @@ struct Guided {
     indirect: vec4f,
 }
 
-fn guided_at(place: u32) -> Guided {
-    return Guided(centre_at(place), load_guide(2u * place), load_guide(2u * place + 1u));
+fn guided_at(index: u32) -> Guided {
+    return Guided(centre_at(index), load_guide(2u * index), load_guide(2u * index + 1u));
 }
 
 // All of a pixel that another one compares with itself and takes.
@@ -582,13 +582,13 @@ struct Other {
     indirect: vec4f,
 }
 
-fn other_at(place: u32) -> Other {
+fn other_at(index: u32) -> Other {
     return Other(
-        surface_at(place),
-        load_guide(2u * place),
-        load_guide(2u * place + 1u),
-        load_light(2u * place),
-        load_light(2u * place + 1u),
+        surface_at(index),
+        load_guide(2u * index),
+        load_guide(2u * index + 1u),
+        load_light(2u * index),
+        load_light(2u * index + 1u),
     );
 }
 
@@ -624,13 +624,13 @@ fn average(
 ) {
     let pair = pair_of(pixel_of(group, groups, lane));
     if pair.y >= denoise.height { return; }
-    let place = place_at(pair);
-    let left = guided_at(place);
-    let right = guided_at(place + 1u);
+    let index = index_at(pair);
+    let left = guided_at(index);
+    let right = guided_at(index + 1u);
     var left_sums = Sums();
     var right_sums = Sums();
     for (var y = -FIRST_RADIUS; y <= FIRST_RADIUS; y++) {
-        let row = below(place, y);
+        let row = below(index, y);
         for (var x = -FIRST_RADIUS; x <= FIRST_RADIUS; x += 2) {
             let even = other_at(u32(i32(row) + x));
             let odd = other_at(u32(i32(row) + x + 1));
@@ -640,8 +640,8 @@ fn average(
             right_sums = averaged_with(right_sums, right, odd, x, y);
         }
     }
-    write_means(left_sums, place);
-    if pair.x + 1u < denoise.width { write_means(right_sums, place + 1u); }
+    write_means(left_sums, index);
+    if pair.x + 1u < denoise.width { write_means(right_sums, index + 1u); }
 }
 
 // Sums of weights, and of light times weight, each by 1, x and y.
@@ -719,9 +719,9 @@ fn fitted(fit: Fit) -> vec4f {
     return vec4f(light, scale / rest);
 }
 
-fn write_fits(fits: Fits, place: u32) {
-    light_out[2u * place] = fitted(fits.direct);
-    light_out[2u * place + 1u] = fitted(fits.indirect);
+fn write_fits(fits: Fits, index: u32) {
+    light_out[2u * index] = fitted(fits.direct);
+    light_out[2u * index + 1u] = fitted(fits.indirect);
 }
 
 // As `average`, with a plane fitted to the pixels in place of their mean. Out: the light, and the weight of the pixel's
@@ -734,13 +734,13 @@ fn regress(
 ) {
     let pair = pair_of(pixel_of(group, groups, lane));
     if pair.y >= denoise.height { return; }
-    let place = place_at(pair);
-    let left = guided_at(place);
-    let right = guided_at(place + 1u);
+    let index = index_at(pair);
+    let left = guided_at(index);
+    let right = guided_at(index + 1u);
     var left_fits = Fits();
     var right_fits = Fits();
     for (var y = -SECOND_RADIUS; y <= SECOND_RADIUS; y++) {
-        let row = below(place, y);
+        let row = below(index, y);
         var left_rows = Rows();
         var right_rows = Rows();
         for (var x = -SECOND_RADIUS; x <= SECOND_RADIUS; x += 2) {
@@ -754,8 +754,8 @@ fn regress(
         left_fits = fits_with(left_fits, left_rows, y);
         right_fits = fits_with(right_fits, right_rows, y);
     }
-    write_fits(left_fits, place);
-    if pair.x + 1u < denoise.width { write_fits(right_fits, place + 1u); }
+    write_fits(left_fits, index);
+    if pair.x + 1u < denoise.width { write_fits(right_fits, index + 1u); }
 }
 
 // Variance that the filter may have removed, and the squared change that it made, of a pixel.
@@ -772,9 +772,9 @@ fn mixed(light: vec4f, result: vec4f, sums: vec2f) -> vec3f {
 }
 
 // What the filter changed of direct light, then of indirect light.
-fn changes_at(place: u32) -> vec4f {
-    let direct = change(load_light(2u * place), load_guide(2u * place));
-    return vec4f(direct, change(load_light(2u * place + 1u), load_guide(2u * place + 1u)));
+fn changes_at(index: u32) -> vec4f {
+    let direct = change(load_light(2u * index), load_guide(2u * index));
+    return vec4f(direct, change(load_light(2u * index + 1u), load_guide(2u * index + 1u)));
 }
 
 // Their sum over a row, times weight.
@@ -792,15 +792,15 @@ fn combine(
 ) {
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
-    let place = place_of(pixel);
-    let window = window_at(place);
+    let index = index_of(pixel);
+    let window = window_at(index);
     var sums = vec4f(0.0);
-    sums += changes_of_row(window.sides[0], window.middle[0], below(place, -2));
-    sums += changes_of_row(window.sides[1], window.middle[1], below(place, -1));
-    sums += changes_of_row(window.sides[2], window.middle[2], place);
-    sums += changes_of_row(window.sides[3], window.middle[3], below(place, 1));
-    sums += changes_of_row(window.sides[4], window.middle[4], below(place, 2));
-    let a = mixed(load_light(2u * place), load_guide(2u * place), sums.xy);
-    let b = mixed(load_light(2u * place + 1u), load_guide(2u * place + 1u), sums.zw);
+    sums += changes_of_row(window.sides[0], window.middle[0], below(index, -2));
+    sums += changes_of_row(window.sides[1], window.middle[1], below(index, -1));
+    sums += changes_of_row(window.sides[2], window.middle[2], index);
+    sums += changes_of_row(window.sides[3], window.middle[3], below(index, 1));
+    sums += changes_of_row(window.sides[4], window.middle[4], below(index, 2));
+    let a = mixed(load_light(2u * index), load_guide(2u * index), sums.xy);
+    let b = mixed(load_light(2u * index + 1u), load_guide(2u * index + 1u), sums.zw);
     light_out[pixel] = vec4f((a + b) * albedo_of(pixel), window.middle[2]);
 }

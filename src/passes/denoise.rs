@@ -83,9 +83,9 @@ impl Denoise {
     pub fn filter(&self, gpu: &Gpu, image: &DenoiseParameters, pixels: &[[f32; 4]]) -> Result<Vec<[f32; 4]>> {
         let count = (image.width * image.height) as usize;
         // With the pixel on the right of the last one, which makes a pair with it where the width is odd.
-        let places = (image.width + BORDER) * (image.height + 2 * BORDER) + BORDER + 1;
+        let indices = (image.width + BORDER) * (image.height + 2 * BORDER) + BORDER + 1;
         // Whole rows, as textures of which all is written need no clearing.
-        let records = whole_rows(2 * places as usize) as u32;
+        let records = whole_rows(2 * indices as usize) as u32;
         let input = gpu.upload("penumbra/denoise/pixels", pixels)?;
         let result = gpu.buffer::<[f32; 4]>("penumbra/denoise/result", count)?;
         let table = |name: &str, format| -> Result<KernelTable> {
