@@ -24,11 +24,10 @@ const PIXEL_VECTORS = 7u;
 
 // Samples that the neighbours' variance counts for beside the pixel's own.
 const POOLED_SAMPLES = 4.0;
-// Radii of windows in pixels. The first filter needs no more than 7 x 7, the second gained nothing beyond 11 x 11.
-const POOL_RADIUS = 2;
+// Radii of windows in pixels. The first filter needs no more than 7 x 7, the second gained nothing beyond 11 x 11. The
+// windows of `restrain`, `pool` and `combine` are 5 x 5, and written out.
 const FIRST_RADIUS = 3;
 const SECOND_RADIUS = 5;
-const MIX_RADIUS = 2;
 // Squared distance from the neighbours' mean, over their spread, beyond which light is a firefly if its own variance
 // explains the distance: three standard deviations, and two of the pixel's own. A firefly of one sample in n has a
 // variance of its squared distance.
@@ -48,11 +47,13 @@ const RIDGE = 0.5;
 const NORMAL_SCALE = 0.1;
 const ALBEDO_SCALE = 0.1;
 const PLANE_SCALE = 1.5;
+// Beyond the image the tables have texels of KIND_KEPT, so that no window needs to end there: BORDER rows above and
+// below, and BORDER columns on the left, which are also those on the right of the row before.
+const BORDER = 5u;
+const_assert SECOND_RADIUS <= BORDER;
 // Weights below exp of minus these, 0.02 and 0.01, are 0, so that many small ones do not add up.
 const MAX_SURFACE_DIFFERENCE = 3.912023;
 const MAX_LIGHT_DIFFERENCE = 4.6051702;
-// The difference of what is not of the same kind.
-const DIFFERENT = 1e9;
 // Albedo by which light is divided at the least.
 const MIN_ALBEDO = 0.01;
 // Light and variance beyond these take no part: their squares, and sums of these, would overflow.
@@ -62,12 +63,17 @@ const MAX_VARIANCE = 1e24;
 const TINY = 1e-10;
 // No neighbour on a surface.
 const NO_SPACING = 1e30;
-// What a pixel is, in the fourth byte of its packed word.
-const KIND_KEPT = 0u;
-const KIND_EMPTY = 1u;
-const KIND_SURFACE = 2u;
-// Makes the packed word a normal float whatever it holds, which every load keeps.
-const NORMAL_NUMBER = 0x40000000u;
+// What a pixel is, in the fourth byte of its packed word. They differ by so much that no weight remains, as of an
+// albedo, and the word is a normal float whatever else it holds, which every load keeps. Texels of the border are 0.
+const KIND_KEPT = 0x10u;
+const KIND_EMPTY = 0x60u;
+const KIND_SURFACE = 0xb0u;
+// What differs from all kinds.
+const NO_KIND = 1000.0;
+// A difference that leaves no weight.
+const BEYOND = 1e9;
+// Of bytes squared: ALBEDO_SCALE.
+const PER_SQUARED_BYTE = 1.0 / (255.0 * 255.0 * ALBEDO_SCALE * ALBEDO_SCALE);
 
 @group(0) @binding(0) var<storage, read> pixels: array<vec4f>;
 @group(0) @binding(1) var<storage, read_write> surface_out: array<vec4f>;
@@ -81,6 +87,11 @@ const NORMAL_NUMBER = 0x40000000u;
 // Light by whose difference pixels are compared, and its variance in w; or filtered light, and the pixel's own weight.
 @if(texture_loads) @group(0) @binding(5) var guide_table: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(0) @binding(5) var<storage, read> guide_table: array<vec4f>;
+// The weights of each pixel's window of 5 x 5 by what pixels show, in bytes: without the middle column, rows -2, -1, 1
+// and 2, then row 0; then the middle column without the pixel itself, and 1 or 0 for that.
+@group(0) @binding(6) var<storage, read_write> weights_out: array<vec4u>;
+@if(texture_loads) @group(0) @binding(7) var weight_table: texture_storage_2d<rgba32uint, read>;
+@if(!texture_loads) @group(0) @binding(7) var<storage, read> weight_table: array<vec4u>;
 
 fn load_surface(i: u32) -> vec4f {
     @if(texture_loads) { return textureLoad(surface_table, table_texel(i)); }
@@ -97,43 +108,76 @@ fn load_guide(i: u32) -> vec4f {
     @else { return guide_table[i]; }
 }
 
-struct Surface {
-    position: vec3f,
-    // 1 over PLANE_SCALE spacings.
-    per_plane: f32,
-    normal: vec3f,
-    albedo: vec3f,
-    kind: u32,
+fn load_weights(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(weight_table, table_texel(i)); }
+    @else { return weight_table[i]; }
 }
 
-fn surface_at(pixel: u32) -> Surface {
-    let place = load_surface(2u * pixel);
-    let rest = load_surface(2u * pixel + 1u);
+// What a pixel shows. `traits` are albedo and kind in bytes.
+struct Surface {
+    position: vec3f,
+    normal: vec3f,
+    traits: vec4f,
+}
+
+// A pixel that others are compared with: its normal over NORMAL_SCALE, and over PLANE_SCALE spacings.
+struct Centre {
+    position: vec3f,
+    normal: vec3f,
+    plane: vec3f,
+    traits: vec4f,
+}
+
+fn surface_of(first: vec4f, rest: vec4f) -> Surface {
     let word = bitcast<u32>(rest.w);
-    return Surface(place.xyz, 1.0 / (PLANE_SCALE * place.w), rest.xyz, unpack4x8unorm(word).xyz, (word >> 24u) & 3u);
+    let bytes = vec4u(word & 255u, (word >> 8u) & 255u, (word >> 16u) & 255u, word >> 24u);
+    return Surface(first.xyz, rest.xyz, vec4f(vec4i(bytes)));
+}
+
+fn surface_at(index: u32) -> Surface {
+    return surface_of(load_surface(2u * index), load_surface(2u * index + 1u));
+}
+
+fn is_kept(centre: Centre) -> bool {
+    return centre.traits.w == NO_KIND;
+}
+
+fn centre_at(index: u32) -> Centre {
+    let first = load_surface(2u * index);
+    let own = surface_of(first, load_surface(2u * index + 1u));
+    let kind = select(own.traits.w, NO_KIND, own.traits.w == f32(KIND_KEPT));
+    let plane = own.normal / (PLANE_SCALE * first.w);
+    return Centre(own.position, own.normal / NORMAL_SCALE, plane, vec4f(own.traits.xyz, kind));
 }
 
 // How much two pixels `d` apart differ by what they show: the exponent of a weight.
-fn surface_difference(centre: Surface, other: Surface, d: vec2f) -> f32 {
-    let albedo = centre.albedo - other.albedo;
-    let plane = dot(other.position - centre.position, centre.normal) * centre.per_plane;
-    let off_plane = plane * plane / max(dot(d, d), 1.0);
-    let shape = (1.0 - dot(centre.normal, other.normal)) / NORMAL_SCALE + off_plane;
-    let e = dot(albedo, albedo) / (ALBEDO_SCALE * ALBEDO_SCALE) + select(0.0, shape, centre.kind == KIND_SURFACE);
-    return select(DIFFERENT, e, centre.kind == other.kind && other.kind != KIND_KEPT);
+fn surface_difference(centre: Centre, other: Surface, d: vec2f) -> f32 {
+    let traits = centre.traits - other.traits;
+    let plane = dot(other.position - centre.position, centre.plane);
+    let shape = 1.0 / NORMAL_SCALE - dot(centre.normal, other.normal);
+    return PER_SQUARED_BYTE * dot(traits, traits) + shape + plane * plane / max(dot(d, d), 1.0);
 }
 
-fn surface_weight(centre: Surface, other: Surface, d: vec2f) -> f32 {
+fn surface_weight(centre: Centre, other: Surface, d: vec2f) -> f32 {
     let e = surface_difference(centre, other, d);
     return select(0.0, exp(-e), e <= MAX_SURFACE_DIFFERENCE);
+}
+
+// Of numbers that are not negative, by their bits: software devices take three steps for floats, because of NaN.
+fn lesser(a: f32, b: f32) -> f32 {
+    return bitcast<f32>(min(bitcast<i32>(a), bitcast<i32>(b)));
+}
+
+fn positive(a: f32) -> f32 {
+    return bitcast<f32>(max(bitcast<i32>(a), 0));
 }
 
 // Weight of a pixel by its light, 1 where the difference is no more than noise explains (Rousselle et al. 2012), and by
 // the `difference` of its surface.
 fn joint_weight(difference: f32, centre: vec4f, other: vec4f, interval: f32) -> f32 {
     let d = other.xyz - centre.xyz;
-    let excess = dot(d, d) - (centre.w + min(centre.w, other.w));
-    let e = max(excess, 0.0) / ((TINY + centre.w + other.w) * interval);
+    let excess = dot(d, d) - (centre.w + lesser(centre.w, other.w));
+    let e = positive(excess) / ((TINY + centre.w + other.w) * interval);
     let counts = difference <= MAX_SURFACE_DIFFERENCE && e <= MAX_LIGHT_DIFFERENCE;
     return select(0.0, exp(-(difference + e)), counts);
 }
@@ -142,11 +186,22 @@ fn column_and_row(pixel: u32) -> vec2i {
     return vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
 }
 
-// The part of a window around a pixel that lies in the image: first column and row, then the last ones.
-fn window(pixel: u32, radius: i32) -> vec4i {
-    let at = column_and_row(pixel);
-    let last = vec2i(i32(denoise.width), i32(denoise.height)) - 1;
-    return vec4i(max(at - radius, vec2i(0)), min(at + radius, last));
+fn stride() -> u32 {
+    return denoise.width + BORDER;
+}
+
+// The index of the pixel of a column and row in the tables, which have two vectors for each.
+fn index_at(at: vec2u) -> u32 {
+    return (at.y + BORDER) * stride() + at.x + BORDER;
+}
+
+fn index_of(pixel: u32) -> u32 {
+    return index_at(vec2u(column_and_row(pixel)));
+}
+
+// The index of the pixel `rows` below another.
+fn below(index: u32, rows: i32) -> u32 {
+    return u32(i32(index) + rows * i32(stride()));
 }
 
 fn pixel_of(group: vec3u, groups: vec3u, lane: u32) -> u32 {
@@ -219,13 +274,17 @@ fn prepare(
     let direct = demodulated(pixel, 0u);
     let indirect = demodulated(pixel, 1u);
     let valid = direct.valid && indirect.valid;
-    light_out[2u * pixel] = select(vec4f(0.0), direct.value, valid);
-    light_out[2u * pixel + 1u] = select(vec4f(0.0), indirect.value, valid);
-    let kind = select(KIND_KEPT, select(KIND_EMPTY, KIND_SURFACE, on_surface(pixel)), valid);
-    let position = select(vec3f(0.0), pixels[PIXEL_VECTORS * pixel + 6u].xyz, on_surface(pixel));
-    let word = (pack4x8unorm(vec4f(albedo_of(pixel), 0.0)) & 0xffffffu) | (kind << 24u) | NORMAL_NUMBER;
-    surface_out[2u * pixel] = vec4f(position, spacing_of(pixel));
-    surface_out[2u * pixel + 1u] = vec4f(normal_of(pixel), bitcast<f32>(word));
+    let index = index_of(pixel);
+    light_out[2u * index] = select(vec4f(0.0), direct.value, valid);
+    light_out[2u * index + 1u] = select(vec4f(0.0), indirect.value, valid);
+    let has_surface = on_surface(pixel);
+    let kind = select(KIND_KEPT, select(KIND_EMPTY, KIND_SURFACE, has_surface), valid);
+    let position = select(vec3f(0.0), pixels[PIXEL_VECTORS * pixel + 6u].xyz, has_surface);
+    // Any normal, the same for all.
+    let normal = select(vec3f(1.0, 0.0, 0.0), normal_of(pixel), has_surface);
+    let word = (pack4x8unorm(vec4f(albedo_of(pixel), 0.0)) & 0xffffffu) | (kind << 24u);
+    surface_out[2u * index] = vec4f(position, spacing_of(pixel));
+    surface_out[2u * index + 1u] = vec4f(normal, bitcast<f32>(word));
 }
 
 // Light that stands out from its neighbours (their mean, and their spread about it) by its own noise is drawn towards
@@ -240,6 +299,59 @@ fn restrained(light: vec4f, mean: vec3f, spread: f32, count: f32) -> vec4f {
 }
 
 // Draws fireflies towards their neighbours: no confidence interval excludes them, as their own variance is so large.
+// Out too: the weights of the window for the passes that follow.
+// Means of direct and of indirect light, and the sums of squared distances from them, times weight.
+struct Moments {
+    weights: f32,
+    count: f32,
+    direct: vec3f,
+    indirect: vec3f,
+    squares: vec2f,
+}
+
+// With one more pixel, in the way that loses no digits beside bright light (West 1979).
+fn moments_with(sums: Moments, weight: f32, index: u32) -> Moments {
+    let weights = sums.weights + weight;
+    let share = weight / max(weights, TINY);
+    let light = load_light(2u * index).xyz;
+    let other_light = load_light(2u * index + 1u).xyz;
+    let a = light - sums.direct;
+    let b = other_light - sums.indirect;
+    let direct = sums.direct + share * a;
+    let indirect = sums.indirect + share * b;
+    let squares = sums.squares + weight * vec2f(dot(a, light - direct), dot(b, other_light - indirect));
+    return Moments(weights, sums.count + select(0.0, 1.0, weight > COUNTED_WEIGHT), direct, indirect, squares);
+}
+
+// After a row of the window, whose weights are kept: in bytes, but for that of the middle column.
+struct MomentsOfRow {
+    sums: Moments,
+    sides: u32,
+    middle: f32,
+}
+
+fn weight_at(centre: Centre, row: u32, x: i32, y: i32) -> f32 {
+    return surface_weight(centre, surface_at(u32(i32(row) + x)), vec2f(f32(x), f32(y)));
+}
+
+// With the row `y` below a pixel, but for the pixel itself.
+fn moments_with_row(before: Moments, centre: Centre, index: u32, y: i32) -> MomentsOfRow {
+    let row = below(index, y);
+    let a = weight_at(centre, row, -2, y);
+    let b = weight_at(centre, row, -1, y);
+    let middle = select(weight_at(centre, row, 0, y), 0.0, y == 0);
+    let c = weight_at(centre, row, 1, y);
+    let d = weight_at(centre, row, 2, y);
+    var sums = moments_with(before, a, row - 2u);
+    sums = moments_with(sums, b, row - 1u);
+    sums = moments_with(sums, middle, row);
+    sums = moments_with(sums, c, row + 1u);
+    sums = moments_with(sums, d, row + 2u);
+    return MomentsOfRow(sums, pack4x8unorm(vec4f(a, b, c, d)), middle);
+}
+
+// Draws fireflies towards their neighbours: no confidence interval excludes them, as their own variance is so large.
+// Out too: the weights of the window for the passes that follow.
 @compute @workgroup_size(64)
 fn restrain(
     @builtin(workgroup_id) group: vec3u,
@@ -248,47 +360,59 @@ fn restrain(
 ) {
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
-    let surface = surface_at(pixel);
-    var direct = vec3f(0.0);
-    var indirect = vec3f(0.0);
-    var weights = 0.0;
-    var count = 0.0;
-    let extent = window(pixel, POOL_RADIUS);
-    let own = column_and_row(pixel);
-    for (var y = extent.y; y <= extent.w; y++) {
-        for (var x = extent.x; x <= extent.z; x++) {
-            let other = u32(y) * denoise.width + u32(x);
-            let same = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
-            let weight = select(same, 0.0, other == pixel);
-            weights += weight;
-            count += select(0.0, 1.0, weight > COUNTED_WEIGHT);
-            direct += weight * load_light(2u * other).xyz;
-            indirect += weight * load_light(2u * other + 1u).xyz;
-        }
-    }
-    let scale = 1.0 / max(weights, TINY);
-    direct *= scale;
-    indirect *= scale;
-    // About the mean, as the difference of two sums would lose the spread beside bright light.
-    var spread = vec2f(0.0);
-    for (var y = extent.y; y <= extent.w; y++) {
-        for (var x = extent.x; x <= extent.z; x++) {
-            let other = u32(y) * denoise.width + u32(x);
-            let same = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
-            let a = load_light(2u * other).xyz - direct;
-            let b = load_light(2u * other + 1u).xyz - indirect;
-            spread += select(same, 0.0, other == pixel) * vec2f(dot(a, a), dot(b, b));
-        }
-    }
-    spread *= scale * count / max(count - 1.0, 1.0);
-    light_out[2u * pixel] = restrained(load_light(2u * pixel), direct, spread.x, count);
-    light_out[2u * pixel + 1u] = restrained(load_light(2u * pixel + 1u), indirect, spread.y, count);
+    let index = index_of(pixel);
+    let centre = centre_at(index);
+    let a = moments_with_row(Moments(), centre, index, -2);
+    let b = moments_with_row(a.sums, centre, index, -1);
+    let c = moments_with_row(b.sums, centre, index, 0);
+    let d = moments_with_row(c.sums, centre, index, 1);
+    let e = moments_with_row(d.sums, centre, index, 2);
+    let middle = pack4x8unorm(vec4f(a.middle, b.middle, d.middle, e.middle));
+    weights_out[2u * index] = vec4u(a.sides, b.sides, d.sides, e.sides);
+    weights_out[2u * index + 1u] = vec4u(c.sides, middle, select(1u, 0u, is_kept(centre)), 0u);
+    let sums = e.sums;
+    let spread = sums.squares * (sums.count / (max(sums.weights, TINY) * max(sums.count - 1.0, 1.0)));
+    light_out[2u * index] = restrained(load_light(2u * index), sums.direct, spread.x, sums.count);
+    light_out[2u * index + 1u] = restrained(load_light(2u * index + 1u), sums.indirect, spread.y, sums.count);
+}
+
+// The weights that `restrain` kept: of the columns -2, -1, 1 and 2, and of the middle column, for the rows -2 to 2.
+struct Window {
+    sides: array<vec4f, 5>,
+    middle: array<f32, 5>,
+}
+
+fn window_at(index: u32) -> Window {
+    let rows = load_weights(2u * index);
+    let rest = load_weights(2u * index + 1u);
+    let column = unpack4x8unorm(rest.y);
+    return Window(
+        array<vec4f, 5>(
+            unpack4x8unorm(rows.x),
+            unpack4x8unorm(rows.y),
+            unpack4x8unorm(rest.x),
+            unpack4x8unorm(rows.z),
+            unpack4x8unorm(rows.w),
+        ),
+        array<f32, 5>(column.x, column.y, f32(rest.z), column.z, column.w),
+    );
 }
 
 // The variance of a pixel, from its own and its neighbours' mean variance.
 fn pooled(light: vec4f, neighbours: f32) -> vec4f {
     let more = f32(denoise.samples) - 1.0;
     return vec4f(light.xyz, (POOLED_SAMPLES * neighbours + more * light.w) / (POOLED_SAMPLES + more));
+}
+
+// Variances of direct and of indirect light, and 1.
+fn variances_at(index: u32) -> vec3f {
+    return vec3f(load_light(2u * index).w, load_light(2u * index + 1u).w, 1.0);
+}
+
+// Their sum over a row, times weight.
+fn variances_of_row(sides: vec4f, middle: f32, row: u32) -> vec3f {
+    let inner = sides.y * variances_at(row - 1u) + middle * variances_at(row) + sides.z * variances_at(row + 1u);
+    return inner + sides.x * variances_at(row - 2u) + sides.w * variances_at(row + 2u);
 }
 
 // Pools the variance of each pixel with its neighbours': that of few samples is itself noise.
@@ -300,32 +424,58 @@ fn pool(
 ) {
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
-    let surface = surface_at(pixel);
-    var variances = vec2f(0.0);
-    var weights = TINY;
-    let extent = window(pixel, POOL_RADIUS);
-    let own = column_and_row(pixel);
-    for (var y = extent.y; y <= extent.w; y++) {
-        for (var x = extent.x; x <= extent.z; x++) {
-            let other = u32(y) * denoise.width + u32(x);
-            let weight = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
-            weights += weight;
-            variances += weight * vec2f(load_light(2u * other).w, load_light(2u * other + 1u).w);
-        }
-    }
-    light_out[2u * pixel] = pooled(load_light(2u * pixel), variances.x / weights);
-    light_out[2u * pixel + 1u] = pooled(load_light(2u * pixel + 1u), variances.y / weights);
+    let index = index_of(pixel);
+    let window = window_at(index);
+    var sums = vec3f(0.0, 0.0, TINY);
+    sums += variances_of_row(window.sides[0], window.middle[0], below(index, -2));
+    sums += variances_of_row(window.sides[1], window.middle[1], below(index, -1));
+    sums += variances_of_row(window.sides[2], window.middle[2], index);
+    sums += variances_of_row(window.sides[3], window.middle[3], below(index, 1));
+    sums += variances_of_row(window.sides[4], window.middle[4], below(index, 2));
+    light_out[2u * index] = pooled(load_light(2u * index), sums.x / sums.z);
+    light_out[2u * index + 1u] = pooled(load_light(2u * index + 1u), sums.y / sums.z);
 }
 
-// The squared differences of direct and of indirect light between two pixels, and 1, by `weight` and that of the other
-// pixel `to`; 0 if it is outside of the window that ends at `last`.
-fn step_to(surface: Surface, own: vec2i, last: vec2i, weight: f32, other: u32, to: vec2i) -> vec3f {
-    if any(to > last) { return vec3f(0.0); }
-    let next = u32(to.y) * denoise.width + u32(to.x);
-    let both = weight * surface_weight(surface, surface_at(next), vec2f(to - own));
-    let a = load_light(2u * next).xyz - load_light(2u * other).xyz;
-    let b = load_light(2u * next + 1u).xyz - load_light(2u * other + 1u).xyz;
-    return both * vec3f(dot(a, a), dot(b, b), 1.0);
+// Light of a pixel near another, and its weight.
+struct Member {
+    weight: f32,
+    direct: vec3f,
+    indirect: vec3f,
+}
+
+fn member(weight: f32, index: u32) -> Member {
+    return Member(weight, load_light(2u * index).xyz, load_light(2u * index + 1u).xyz);
+}
+
+fn members(sides: vec4f, middle: f32, row: u32) -> array<Member, 5> {
+    return array<Member, 5>(
+        member(sides.x, row - 2u),
+        member(sides.y, row - 1u),
+        member(middle, row),
+        member(sides.z, row + 1u),
+        member(sides.w, row + 2u),
+    );
+}
+
+// The squared differences of direct and of indirect light between two pixels, and 1, by the weights of both.
+fn squared(a: Member, b: Member) -> vec3f {
+    let direct = a.direct - b.direct;
+    let indirect = a.indirect - b.indirect;
+    return (a.weight * b.weight) * vec3f(dot(direct, direct), dot(indirect, indirect), 1.0);
+}
+
+// Of each pixel of a row and the one below.
+fn across(a: array<Member, 5>, b: array<Member, 5>) -> vec3f {
+    return squared(a[0], b[0]) + squared(a[1], b[1]) + squared(a[2], b[2]) + squared(a[3], b[3]) + squared(a[4], b[4]);
+}
+
+// Of pixels of a row one apart, and two.
+fn along(a: array<Member, 5>) -> vec3f {
+    return squared(a[0], a[1]) + squared(a[1], a[2]) + squared(a[2], a[3]) + squared(a[3], a[4]);
+}
+
+fn along_two(a: array<Member, 5>) -> vec3f {
+    return squared(a[0], a[2]) + squared(a[1], a[3]) + squared(a[2], a[4]);
 }
 
 // `pool` of single samples, which have no variance: what neighbours one and two pixels apart differ by. Noise differs
@@ -339,29 +489,58 @@ fn pool_single(
 ) {
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
-    let surface = surface_at(pixel);
-    var near = vec3f(0.0);
-    var far = vec3f(0.0);
-    let extent = window(pixel, POOL_RADIUS);
-    let own = column_and_row(pixel);
-    let last = extent.zw;
-    for (var y = extent.y; y <= extent.w; y++) {
-        for (var x = extent.x; x <= extent.z; x++) {
-            let at = vec2i(x, y);
-            let other = u32(y) * denoise.width + u32(x);
-            let weight = surface_weight(surface, surface_at(other), vec2f(at - own));
-            near += step_to(surface, own, last, weight, other, at + vec2i(1, 0));
-            near += step_to(surface, own, last, weight, other, at + vec2i(0, 1));
-            far += step_to(surface, own, last, weight, other, at + vec2i(2, 0));
-            far += step_to(surface, own, last, weight, other, at + vec2i(0, 2));
-        }
-    }
+    let index = index_of(pixel);
+    let window = window_at(index);
+    let a = members(window.sides[0], window.middle[0], below(index, -2));
+    let b = members(window.sides[1], window.middle[1], below(index, -1));
+    let c = members(window.sides[2], window.middle[2], index);
+    let d = members(window.sides[3], window.middle[3], below(index, 1));
+    let e = members(window.sides[4], window.middle[4], below(index, 2));
+    let rows = along(a) + along(b) + along(c) + along(d) + along(e);
+    let near = rows + across(a, b) + across(b, c) + across(c, d) + across(d, e);
+    let rows_two = along_two(a) + along_two(b) + along_two(c) + along_two(d) + along_two(e);
+    let far = rows_two + across(a, c) + across(b, d) + across(c, e);
     // Half of a mean squared difference is a variance.
     let one = 0.5 * near.xy / max(near.z, TINY);
     let two = 0.5 * far.xy / max(far.z, TINY);
     let variance = clamp(2.0 * one - two, vec2f(0.0), one);
-    light_out[2u * pixel] = vec4f(load_light(2u * pixel).xyz, variance.x);
-    light_out[2u * pixel + 1u] = vec4f(load_light(2u * pixel + 1u).xyz, variance.y);
+    light_out[2u * index] = vec4f(load_light(2u * index).xyz, variance.x);
+    light_out[2u * index + 1u] = vec4f(load_light(2u * index + 1u).xyz, variance.y);
+}
+
+// Sums of light times weight, of variance times its square, and of weights.
+struct Sums {
+    direct: vec4f,
+    indirect: vec4f,
+    weights: vec2f,
+}
+
+fn sums_of(sums: Sums, weights: vec2f, direct: vec4f, indirect: vec4f) -> Sums {
+    return Sums(
+        sums.direct + vec4f(vec3f(weights.x), weights.x * weights.x) * direct,
+        sums.indirect + vec4f(vec3f(weights.y), weights.y * weights.y) * indirect,
+        sums.weights + weights,
+    );
+}
+
+fn sums_with(sums: Sums, weights: vec2f, index: u32) -> Sums {
+    return sums_of(sums, weights, load_light(2u * index), load_light(2u * index + 1u));
+}
+
+// The mean and its variance.
+fn mean_of(sum: vec4f, weights: f32) -> vec4f {
+    let scale = 1.0 / max(weights, TINY);
+    return vec4f(vec3f(scale), scale * scale) * sum;
+}
+
+fn write_means(sums: Sums, index: u32) {
+    light_out[2u * index] = mean_of(sums.direct, sums.weights.x);
+    light_out[2u * index + 1u] = mean_of(sums.indirect, sums.weights.y);
+}
+
+fn sums_with_row(sums: Sums, left: f32, middle: f32, right: f32, row: u32) -> Sums {
+    let outer = sums_with(sums_with(sums, vec2f(left), row - 1u), vec2f(right), row + 1u);
+    return sums_with(outer, vec2f(middle), row);
 }
 
 // Means of 3 x 3 pixels of the same surface, and their variance.
@@ -373,26 +552,67 @@ fn smooth_light(
 ) {
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
-    let surface = surface_at(pixel);
-    var direct = vec4f(0.0);
-    var indirect = vec4f(0.0);
-    var weights = 0.0;
-    let extent = window(pixel, 1);
-    let own = column_and_row(pixel);
-    for (var y = extent.y; y <= extent.w; y++) {
-        for (var x = extent.x; x <= extent.z; x++) {
-            let other = u32(y) * denoise.width + u32(x);
-            let weight = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
-            let factor = vec4f(vec3f(weight), weight * weight);
-            weights += weight;
-            direct += factor * load_light(2u * other);
-            indirect += factor * load_light(2u * other + 1u);
-        }
-    }
-    let scale = 1.0 / max(weights, TINY);
-    let factor = vec4f(vec3f(scale), scale * scale);
-    light_out[2u * pixel] = factor * direct;
-    light_out[2u * pixel + 1u] = factor * indirect;
+    let index = index_of(pixel);
+    let window = window_at(index);
+    let sides = window.sides;
+    var sums = Sums();
+    sums = sums_with_row(sums, sides[1].y, window.middle[1], sides[1].z, below(index, -1));
+    sums = sums_with_row(sums, sides[2].y, window.middle[2], sides[2].z, index);
+    sums = sums_with_row(sums, sides[3].y, window.middle[3], sides[3].z, below(index, 1));
+    write_means(sums, index);
+}
+
+// A pixel and its guides, for direct and for indirect light.
+struct Guided {
+    surface: Centre,
+    direct: vec4f,
+    indirect: vec4f,
+}
+
+fn guided_at(index: u32) -> Guided {
+    return Guided(centre_at(index), load_guide(2u * index), load_guide(2u * index + 1u));
+}
+
+// All of a pixel that another one compares with itself and takes.
+struct Other {
+    surface: Surface,
+    direct_guide: vec4f,
+    indirect_guide: vec4f,
+    direct: vec4f,
+    indirect: vec4f,
+}
+
+fn other_at(index: u32) -> Other {
+    return Other(
+        surface_at(index),
+        load_guide(2u * index),
+        load_guide(2u * index + 1u),
+        load_light(2u * index),
+        load_light(2u * index + 1u),
+    );
+}
+
+// The weights of a pixel `d` away from another one for direct and for indirect light; 0 outside of `radius`.
+fn joint_weights(centre: Guided, other: Other, d: vec2f, radius: i32, interval: f32) -> vec2f {
+    let beyond = select(0.0, BEYOND, abs(d.x) > f32(radius));
+    let difference = surface_difference(centre.surface, other.surface, d) + beyond;
+    return vec2f(
+        joint_weight(difference, centre.direct, other.direct_guide, interval),
+        joint_weight(difference, centre.indirect, other.indirect_guide, interval),
+    );
+}
+
+// Column and row of the first one of two pixels side by side, which share what their windows load: loads are half of
+// the time on software devices.
+fn pair_of(item: u32) -> vec2u {
+    let pairs = (denoise.width + 1u) / 2u;
+    return vec2u(item % pairs * 2u, item / pairs);
+}
+
+fn averaged_with(sums: Sums, centre: Guided, other: Other, x: i32, y: i32) -> Sums {
+    let d = vec2f(f32(x), f32(y));
+    let weights = joint_weights(centre, other, d, FIRST_RADIUS, FIRST_INTERVAL);
+    return sums_of(sums, weights, other.direct, other.indirect);
 }
 
 // Averages the pixels whose guides differ by no more than noise. Out: the mean and its variance.
@@ -402,30 +622,26 @@ fn average(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let pixel = pixel_of(group, groups, lane);
-    if outside(pixel) { return; }
-    let surface = surface_at(pixel);
-    let direct_guide = load_guide(2u * pixel);
-    let indirect_guide = load_guide(2u * pixel + 1u);
-    var direct = vec4f(0.0);
-    var indirect = vec4f(0.0);
-    var weights = vec2f(0.0);
-    let extent = window(pixel, FIRST_RADIUS);
-    let own = column_and_row(pixel);
-    for (var y = extent.y; y <= extent.w; y++) {
-        for (var x = extent.x; x <= extent.z; x++) {
-            let other = u32(y) * denoise.width + u32(x);
-            let difference = surface_difference(surface, surface_at(other), vec2f(vec2i(x, y) - own));
-            let a = joint_weight(difference, direct_guide, load_guide(2u * other), FIRST_INTERVAL);
-            let b = joint_weight(difference, indirect_guide, load_guide(2u * other + 1u), FIRST_INTERVAL);
-            weights += vec2f(a, b);
-            direct += vec4f(vec3f(a), a * a) * load_light(2u * other);
-            indirect += vec4f(vec3f(b), b * b) * load_light(2u * other + 1u);
+    let pair = pair_of(pixel_of(group, groups, lane));
+    if pair.y >= denoise.height { return; }
+    let index = index_at(pair);
+    let left = guided_at(index);
+    let right = guided_at(index + 1u);
+    var left_sums = Sums();
+    var right_sums = Sums();
+    for (var y = -FIRST_RADIUS; y <= FIRST_RADIUS; y++) {
+        let row = below(index, y);
+        for (var x = -FIRST_RADIUS; x <= FIRST_RADIUS; x += 2) {
+            let even = other_at(u32(i32(row) + x));
+            let odd = other_at(u32(i32(row) + x + 1));
+            left_sums = averaged_with(left_sums, left, even, x, y);
+            left_sums = averaged_with(left_sums, left, odd, x + 1, y);
+            right_sums = averaged_with(right_sums, right, even, x - 1, y);
+            right_sums = averaged_with(right_sums, right, odd, x, y);
         }
     }
-    let scale = 1.0 / max(weights, vec2f(TINY));
-    light_out[2u * pixel] = vec4f(vec3f(scale.x), scale.x * scale.x) * direct;
-    light_out[2u * pixel + 1u] = vec4f(vec3f(scale.y), scale.y * scale.y) * indirect;
+    write_means(left_sums, index);
+    if pair.x + 1u < denoise.width { write_means(right_sums, index + 1u); }
 }
 
 // Sums of weights, and of light times weight, each by 1, x and y.
@@ -439,15 +655,55 @@ struct Fit {
     light_y: vec3f,
 }
 
-fn fit_with(fit: Fit, weight: f32, d: vec2f, light: vec3f) -> Fit {
-    return Fit(
-        fit.one + weight,
-        fit.first + weight * d,
-        fit.second + weight * vec3f(d.x * d.x, d.x * d.y, d.y * d.y),
-        fit.light + weight * light,
-        fit.light_x + (weight * d.x) * light,
-        fit.light_y + (weight * d.y) * light,
+// As Fit, of one row: without what y is a factor of.
+struct Row {
+    one: f32,
+    x: f32,
+    xx: f32,
+    light: vec3f,
+    light_x: vec3f,
+}
+
+// Of direct and of indirect light.
+struct Rows {
+    direct: Row,
+    indirect: Row,
+}
+
+fn row_with(row: Row, weight: f32, x: f32, light: vec3f) -> Row {
+    let weighted = weight * light;
+    let light_x = row.light_x + x * weighted;
+    return Row(row.one + weight, row.x + x * weight, row.xx + x * x * weight, row.light + weighted, light_x);
+}
+
+fn rows_with(rows: Rows, centre: Guided, other: Other, x: i32, y: i32) -> Rows {
+    let d = vec2f(f32(x), f32(y));
+    let weights = joint_weights(centre, other, d, SECOND_RADIUS, SECOND_INTERVAL);
+    return Rows(
+        row_with(rows.direct, weights.x, d.x, other.direct.xyz),
+        row_with(rows.indirect, weights.y, d.x, other.indirect.xyz),
     );
+}
+
+fn fit_with(fit: Fit, row: Row, y: f32) -> Fit {
+    return Fit(
+        fit.one + row.one,
+        fit.first + vec2f(row.x, y * row.one),
+        fit.second + vec3f(row.xx, y * row.x, y * y * row.one),
+        fit.light + row.light,
+        fit.light_x + row.light_x,
+        fit.light_y + y * row.light,
+    );
+}
+
+// Of direct and of indirect light.
+struct Fits {
+    direct: Fit,
+    indirect: Fit,
+}
+
+fn fits_with(fits: Fits, rows: Rows, y: i32) -> Fits {
+    return Fits(fit_with(fits.direct, rows.direct, f32(y)), fit_with(fits.indirect, rows.indirect, f32(y)));
 }
 
 // The fitted plane at the pixel, and in w the weight of the pixel's own light in it, whose weight in the sums is 1.
@@ -463,6 +719,11 @@ fn fitted(fit: Fit) -> vec4f {
     return vec4f(light, scale / rest);
 }
 
+fn write_fits(fits: Fits, index: u32) {
+    light_out[2u * index] = fitted(fits.direct);
+    light_out[2u * index + 1u] = fitted(fits.indirect);
+}
+
 // As `average`, with a plane fitted to the pixels in place of their mean. Out: the light, and the weight of the pixel's
 // own light in it.
 @compute @workgroup_size(64)
@@ -471,28 +732,30 @@ fn regress(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let pixel = pixel_of(group, groups, lane);
-    if outside(pixel) { return; }
-    let surface = surface_at(pixel);
-    let direct_guide = load_guide(2u * pixel);
-    let indirect_guide = load_guide(2u * pixel + 1u);
-    var direct = Fit();
-    var indirect = Fit();
-    let extent = window(pixel, SECOND_RADIUS);
-    let own = column_and_row(pixel);
-    for (var y = extent.y; y <= extent.w; y++) {
-        for (var x = extent.x; x <= extent.z; x++) {
-            let other = u32(y) * denoise.width + u32(x);
-            let d = vec2f(vec2i(x, y) - own);
-            let difference = surface_difference(surface, surface_at(other), d);
-            let a = joint_weight(difference, direct_guide, load_guide(2u * other), SECOND_INTERVAL);
-            let b = joint_weight(difference, indirect_guide, load_guide(2u * other + 1u), SECOND_INTERVAL);
-            direct = fit_with(direct, a, d, load_light(2u * other).xyz);
-            indirect = fit_with(indirect, b, d, load_light(2u * other + 1u).xyz);
+    let pair = pair_of(pixel_of(group, groups, lane));
+    if pair.y >= denoise.height { return; }
+    let index = index_at(pair);
+    let left = guided_at(index);
+    let right = guided_at(index + 1u);
+    var left_fits = Fits();
+    var right_fits = Fits();
+    for (var y = -SECOND_RADIUS; y <= SECOND_RADIUS; y++) {
+        let row = below(index, y);
+        var left_rows = Rows();
+        var right_rows = Rows();
+        for (var x = -SECOND_RADIUS; x <= SECOND_RADIUS; x += 2) {
+            let even = other_at(u32(i32(row) + x));
+            let odd = other_at(u32(i32(row) + x + 1));
+            left_rows = rows_with(left_rows, left, even, x, y);
+            left_rows = rows_with(left_rows, left, odd, x + 1, y);
+            right_rows = rows_with(right_rows, right, even, x - 1, y);
+            right_rows = rows_with(right_rows, right, odd, x, y);
         }
+        left_fits = fits_with(left_fits, left_rows, y);
+        right_fits = fits_with(right_fits, right_rows, y);
     }
-    light_out[2u * pixel] = fitted(direct);
-    light_out[2u * pixel + 1u] = fitted(indirect);
+    write_fits(left_fits, index);
+    if pair.x + 1u < denoise.width { write_fits(right_fits, index + 1u); }
 }
 
 // Variance that the filter may have removed, and the squared change that it made, of a pixel.
@@ -508,6 +771,18 @@ fn mixed(light: vec4f, result: vec4f, sums: vec2f) -> vec3f {
     return mix(light.xyz, result.xyz, trust);
 }
 
+// What the filter changed of direct light, then of indirect light.
+fn changes_at(index: u32) -> vec4f {
+    let direct = change(load_light(2u * index), load_guide(2u * index));
+    return vec4f(direct, change(load_light(2u * index + 1u), load_guide(2u * index + 1u)));
+}
+
+// Their sum over a row, times weight.
+fn changes_of_row(sides: vec4f, middle: f32, row: u32) -> vec4f {
+    let inner = sides.y * changes_at(row - 1u) + middle * changes_at(row) + sides.z * changes_at(row + 1u);
+    return inner + sides.x * changes_at(row - 2u) + sides.w * changes_at(row + 2u);
+}
+
 // Mixes filtered light and the pixel's own, by what the filter changed around it, and adds the parts.
 @compute @workgroup_size(64)
 fn combine(
@@ -517,20 +792,15 @@ fn combine(
 ) {
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
-    let surface = surface_at(pixel);
-    var direct = vec2f(0.0);
-    var indirect = vec2f(0.0);
-    let extent = window(pixel, MIX_RADIUS);
-    let own = column_and_row(pixel);
-    for (var y = extent.y; y <= extent.w; y++) {
-        for (var x = extent.x; x <= extent.z; x++) {
-            let other = u32(y) * denoise.width + u32(x);
-            let weight = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
-            direct += weight * change(load_light(2u * other), load_guide(2u * other));
-            indirect += weight * change(load_light(2u * other + 1u), load_guide(2u * other + 1u));
-        }
-    }
-    let a = mixed(load_light(2u * pixel), load_guide(2u * pixel), direct);
-    let b = mixed(load_light(2u * pixel + 1u), load_guide(2u * pixel + 1u), indirect);
-    light_out[pixel] = vec4f((a + b) * albedo_of(pixel), select(1.0, 0.0, surface.kind == KIND_KEPT));
+    let index = index_of(pixel);
+    let window = window_at(index);
+    var sums = vec4f(0.0);
+    sums += changes_of_row(window.sides[0], window.middle[0], below(index, -2));
+    sums += changes_of_row(window.sides[1], window.middle[1], below(index, -1));
+    sums += changes_of_row(window.sides[2], window.middle[2], index);
+    sums += changes_of_row(window.sides[3], window.middle[3], below(index, 1));
+    sums += changes_of_row(window.sides[4], window.middle[4], below(index, 2));
+    let a = mixed(load_light(2u * index), load_guide(2u * index), sums.xy);
+    let b = mixed(load_light(2u * index + 1u), load_guide(2u * index + 1u), sums.zw);
+    light_out[pixel] = vec4f((a + b) * albedo_of(pixel), window.middle[2]);
 }

@@ -1,6 +1,6 @@
 //! Pass `denoise`: filters an image by what is known of its noise.
 
-use kernel_kit::{Buffer, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows};
+use kernel_kit::{Buffer, Gpu, Kernel, KernelTable, Table, TableFormat, bindings, shared_struct, whole_rows};
 
 use super::kernel;
 use crate::Result;
@@ -26,6 +26,9 @@ pub const PIXEL_VECTORS: usize = 7;
 /// (spacing), 2 (`restrain`), 2 (`pool`), 1 (`smooth_light`), 3 (`average`), 5 (`regress`) and 2 (`combine`).
 pub const REACH: u32 = 16;
 
+/// Width of the border around the image in the tables; see `shaders/denoise.wgsl`.
+const BORDER: u32 = 5;
+
 bindings! {
     /// What the passes read and write, light apart.
     struct PixelBindings {
@@ -42,11 +45,19 @@ bindings! {
 }
 
 bindings! {
+    /// What `restrain` keeps of its windows.
+    struct WeightBindings {
+        pub weights_out: &Buffer,
+    }
+}
+
+bindings! {
     /// The tables of surfaces and light.
     struct LightBindings {
         pub surface_table: &Table,
         pub light_table: &Table,
         pub guide_table: &Table,
+        pub weight_table: &Table,
     }
 }
 
@@ -59,7 +70,8 @@ impl Denoise {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features) -> Result<Denoise> {
-        let own = [PixelBindings::DECLARED, SurfaceBindings::DECLARED, LightBindings::DECLARED];
+        let own =
+            [PixelBindings::DECLARED, SurfaceBindings::DECLARED, WeightBindings::DECLARED, LightBindings::DECLARED];
         Ok(Denoise(kernel(gpu, "denoise", features, &[], &own)?))
     }
 
@@ -70,37 +82,55 @@ impl Denoise {
     /// [`crate::Error::Buffer`] where the device has no room, and those of [`Kernel::bind`] and [`Gpu::read`].
     pub fn filter(&self, gpu: &Gpu, image: &DenoiseParameters, pixels: &[[f32; 4]]) -> Result<Vec<[f32; 4]>> {
         let count = (image.width * image.height) as usize;
-        let rows = whole_rows(2 * count);
+        // With the pixel on the right of the last one, which makes a pair with it where the width is odd.
+        let indices = (image.width + BORDER) * (image.height + 2 * BORDER) + BORDER + 1;
+        // Whole rows, as textures of which all is written need no clearing.
+        let records = whole_rows(2 * indices as usize) as u32;
         let input = gpu.upload("penumbra/denoise/pixels", pixels)?;
-        let vectors = |name: &str| gpu.buffer::<[f32; 4]>(&format!("penumbra/denoise/{name}"), rows);
-        let (surfaces, light) = (vectors("surfaces")?, vectors("light")?);
-        let read = PixelBindings { pixels: &input, light_out: &light };
-        let bound = self.0.bind(gpu, "prepare", &[&read, &SurfaceBindings { surface_out: &surfaces }])?;
+        let result = gpu.buffer::<[f32; 4]>("penumbra/denoise/result", count)?;
+        let table = |name: &str, format| -> Result<KernelTable> {
+            let buffer = gpu.buffer::<[u32; 4]>(&format!("penumbra/denoise/{name}"), records as usize)?;
+            Ok(gpu.table_of(buffer, format)?)
+        };
+        let [surfaces, light, other, guide] =
+            ["surfaces", "light", "other", "guide"].map(|name| table(name, TableFormat::Float));
+        let (surfaces, light, other, guide) = (surfaces?, light?, other?, guide?);
+        let weights = table("weights", TableFormat::Uint)?;
         let mut frame = gpu.frame("denoise");
+        let read = PixelBindings { pixels: &input, light_out: &light.buffer };
+        let bound = self.0.bind(gpu, "prepare", &[&read, &SurfaceBindings { surface_out: &surfaces.buffer }])?;
         frame.run(&bound, count as u32, image);
-        let surface_table = gpu.kernel_table(&mut frame, surfaces, TableFormat::Float)?;
-        let prepared = gpu.kernel_table(&mut frame, light, TableFormat::Float)?;
-        frame.submit()?;
-        let run = |entry: &str, light_table: &Table, guide_table: &Table| -> Result<Buffer> {
-            let out = vectors(entry)?;
-            let tables = LightBindings { surface_table: &surface_table, light_table, guide_table };
-            let bound = self.0.bind(gpu, entry, &[&PixelBindings { pixels: &input, light_out: &out }, &tables])?;
-            gpu.run(&bound, count as u32, image)?;
-            Ok(out)
+        frame.publish(&surfaces, records);
+        frame.publish(&light, records);
+        let bind = |entry: &str, light: &KernelTable, guide: &KernelTable, light_out: &Buffer| {
+            let pixels = PixelBindings { pixels: &input, light_out };
+            let written = WeightBindings { weights_out: &weights.buffer };
+            let tables = LightBindings {
+                surface_table: &surfaces.table,
+                light_table: &light.table,
+                guide_table: &guide.table,
+                weight_table: &weights.table,
+            };
+            self.0.bind(gpu, entry, &[&pixels, &written, &tables])
         };
-        let table = |buffer: Buffer| -> Result<Table> {
-            let mut frame = gpu.frame("denoise");
-            let table = gpu.kernel_table(&mut frame, buffer, TableFormat::Float)?;
-            frame.submit()?;
-            Ok(table)
-        };
+        frame.run(&bind("restrain", &light, &light, &other.buffer)?, count as u32, image);
+        frame.publish(&weights, records);
+        frame.publish(&other, records);
+        // Each pair of pixels is an item of the passes that compare light.
+        let (pixels, pairs) = (count as u32, image.width.div_ceil(2) * image.height);
         let pool = if image.samples < 2 { "pool_single" } else { "pool" };
-        let restrained = table(run("restrain", &prepared, &prepared)?)?;
-        let light = table(run(pool, &restrained, &restrained)?)?;
-        let mut guide = table(run("smooth_light", &light, &light)?)?;
-        for entry in ["average", "regress"] {
-            guide = table(run(entry, &light, &guide)?)?;
+        let steps = [
+            (pool, &other, &other, &light, pixels),
+            ("smooth_light", &light, &light, &other, pixels),
+            ("average", &light, &other, &guide, pairs),
+            ("regress", &light, &guide, &other, pairs),
+        ];
+        for (entry, light, guide, out, items) in steps {
+            frame.run(&bind(entry, light, guide, &out.buffer)?, items, image);
+            frame.publish(out, records);
         }
-        Ok(gpu.read(&run("combine", &light, &guide)?, count)?)
+        frame.run(&bind("combine", &light, &other, &result)?, pixels, image);
+        frame.submit()?;
+        Ok(gpu.read(&result, count)?)
     }
 }

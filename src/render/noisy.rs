@@ -3,6 +3,7 @@
 
 use glam::DVec4;
 use kernel_kit::Gpu;
+use rayon::prelude::*;
 
 use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
 use super::picture::{Quantity, Sums, colour_of, means};
@@ -45,14 +46,14 @@ pub(super) fn add_denoised(
 /// What denoisers take of an image of `size`.
 pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
     let guide = |quantity: Quantity| -> Result<Vec<Colour>> {
-        Ok(means(sums, quantity)?.unwrap_or_default().iter().map(colour).collect())
+        Ok(means(sums, quantity)?.unwrap_or_default().par_iter().map(colour).collect())
     };
     let mut albedo = guide(Quantity::GuideAlbedo)?;
-    albedo.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
+    albedo.par_iter_mut().for_each(|pixel| *pixel = pixel.map(|x| x.clamp(0.0, 1.0)));
     let normal = guide(Quantity::GuideNormal)?;
     // Without what passes by: w is the share of samples that met a surface.
     let met = |p: &DVec4| if p.w > 0.0 { colour(&(*p / p.w)) } else { [0.0; 3] };
-    let position = means(sums, Quantity::GuidePosition)?.unwrap_or_default().iter().map(met).collect();
+    let position = means(sums, Quantity::GuidePosition)?.unwrap_or_default().par_iter().map(met).collect();
 
     let samples = |pixel: usize| sums.samples_of(pixel);
     let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
@@ -63,14 +64,14 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
         if let Some(first) = sums.first_halves(part)? {
             // A pixel without samples of a half tells nothing of the error: it counts as exact.
             let mean = |part: Sum, whole: &Sum| if part.kept > 0.0 { part.mean() } else { whole.mean() };
-            let both = first.iter().zip(&whole);
+            let both = first.par_iter().zip(&whole);
             let second = both.clone().map(|(part, whole)| colour(&mean(whole.without(part), whole)));
             halves[1].push(second.collect());
             halves[0].push(both.map(|(part, whole)| colour(&mean(*part, whole))).collect());
         }
         let variance = |(squares, sum): (&Sum, &Sum)| colour(&variance_of_mean(sum.mean(), squares.mean(), sum.kept));
-        let variance = squares.map(|squares| squares.iter().zip(&whole).map(variance).collect());
-        let mean = whole.iter().map(|sum| colour(&sum.mean())).collect();
+        let variance = squares.map(|squares| squares.par_iter().zip(&whole).map(variance).collect());
+        let mean = whole.par_iter().map(|sum| colour(&sum.mean())).collect();
         all.push(Part { mean, variance: variance.unwrap_or_else(|| vec![[0.0; 3]; whole.len()]) });
     }
     let [width, height] = size.map(|side| side as usize);

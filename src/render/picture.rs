@@ -1,6 +1,7 @@
 //! What sums of samples show: the channels of an image, whether the samples are those of a render or of merged pieces.
 
 use glam::{DVec3, DVec4};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::film::Channel;
@@ -161,7 +162,7 @@ pub(super) fn colour_of(background: Background) -> Option<DVec3> {
 }
 
 pub(super) fn means(sums: &dyn Sums, quantity: Quantity) -> Result<Option<Vec<DVec4>>> {
-    Ok(sums.sums(quantity)?.map(|sums| sums.iter().map(Sum::mean).collect()))
+    Ok(sums.sums(quantity)?.map(|sums| sums.par_iter().map(Sum::mean).collect()))
 }
 
 fn normals(sums: &dyn Sums) -> Result<Vec<DVec4>> {

@@ -122,7 +122,7 @@ impl Regions {
                 1.0 / (mean * mean + RELMSE_FLOOR)
             })
         };
-        Regions { size, scale: (0..candidates[0].all.len()).map(pixel).collect() }
+        Regions { size, scale: (0..candidates[0].all.len()).into_par_iter().map(pixel).collect() }
     }
 
     /// Weighted means of the products of the differences `a` - `b` and `c` - `d` over the regions around all pixels.
@@ -132,8 +132,8 @@ impl Regions {
             let weighted = |axis: usize| self.scale[i][axis] * difference(a, b, axis) * difference(c, d, axis);
             (0..3).map(weighted).sum::<f64>() / 3.0
         };
-        let values = (0..self.scale.len()).into_par_iter().map(pixel).collect();
-        smooth(smooth(values, self.size), self.size)
+        let values: Vec<f64> = (0..self.scale.len()).into_par_iter().map(pixel).collect();
+        smooth(&smooth(&values, self.size), self.size)
     }
 
     /// The estimated standard errors of an image, from what the same steps made of the halves of the samples.
@@ -157,7 +157,7 @@ impl Regions {
             let relative = (bias.max(0.0) + variance - avoided.max(0.0)).max(variance / 2.0);
             (relative / (self.scale[i].iter().sum::<f64>() / 3.0)).sqrt() as f32
         };
-        (0..self.scale.len()).map(pixel).collect()
+        (0..self.scale.len()).into_par_iter().map(pixel).collect()
     }
 }
 
@@ -263,17 +263,26 @@ fn solve(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
 }
 
 /// Means over squares of [`RADIUS`], as far as they are within the image.
-pub(super) fn smooth(values: Vec<f64>, [width, height]: [u32; 2]) -> Vec<f64> {
+pub(super) fn smooth(values: &[f64], [width, height]: [u32; 2]) -> Vec<f64> {
     let (width, height) = (width as usize, height as usize);
-    let means = |line: &[f64]| -> Vec<f64> {
-        let mean = |i: usize| {
-            let around = &line[i.saturating_sub(RADIUS)..(i + RADIUS + 1).min(line.len())];
-            around.iter().sum::<f64>() / around.len() as f64
-        };
-        (0..line.len()).map(mean).collect()
-    };
-    let rows: Vec<f64> = values.par_chunks(width).flat_map_iter(means).collect();
-    let column = |x: usize| means(&rows.iter().skip(x).step_by(width).copied().collect::<Vec<_>>());
-    let columns: Vec<Vec<f64>> = (0..width).into_par_iter().map(column).collect();
-    (0..height).flat_map(|y| columns.iter().map(move |column| column[y])).collect()
+    let around = |i: usize, count: usize| i.saturating_sub(RADIUS)..(i + RADIUS + 1).min(count);
+    // Not by running sums, which lose what is dim beside what is bright.
+    let mut rows = vec![0.0; values.len()];
+    rows.par_chunks_mut(width).zip(values.par_chunks(width)).for_each(|(means, line)| {
+        means.iter_mut().enumerate().for_each(|(x, mean)| {
+            let around = &line[around(x, width)];
+            *mean = around.iter().sum::<f64>() / around.len() as f64;
+        });
+    });
+    // Row by row, so that a step adds neighbours in memory at once.
+    let mut means = vec![0.0; values.len()];
+    means.par_chunks_mut(width).enumerate().for_each(|(y, means)| {
+        let around = around(y, height);
+        let count = around.len() as f64;
+        for row in rows[around.start * width..around.end * width].chunks(width) {
+            means.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
+        }
+        means.iter_mut().for_each(|sum| *sum /= count);
+    });
+    means
 }

@@ -25,9 +25,9 @@ pub fn ratios(size: [u32; 2], variance: &[Colour], halves: [&[Colour]; 2], half_
     let share = (first + second) * (1.0 / first + 1.0 / second);
     let [a, b] = halves;
     let square = |(a, b): (&Colour, &Colour)| (0..3).map(|c| (f64::from(a[c]) - f64::from(b[c])).powi(2)).sum::<f64>();
-    let found = smooth(a.par_iter().zip(b).map(square).collect(), size);
+    let found = smooth(&a.par_iter().zip(b).map(square).collect::<Vec<_>>(), size);
     let expected = |variance: &Colour| share * variance.iter().map(|x| f64::from(*x)).sum::<f64>();
-    let expected = smooth(variance.par_iter().map(expected).collect(), size);
+    let expected = smooth(&variance.par_iter().map(expected).collect::<Vec<_>>(), size);
     let ratio = |(found, expected): (&f64, &f64)| (found / expected).clamp(0.0, 1.0) as f32;
     // 0 over 0, and what is not finite, tell nothing.
     let known = |ratio: f32| if ratio.is_nan() { 1.0 } else { ratio };
@@ -41,7 +41,7 @@ pub fn reduced(light: &Light, ratios: &[Vec<f32>], is_half: bool) -> Light {
     let factor = |ratio: f32| ratio * (rest + (1.0 - rest) * ratio);
     let part = |(part, ratios): (&Part, &Vec<f32>)| {
         let scaled = |(variance, ratio): (&Colour, &f32)| variance.map(|x| x * factor(*ratio));
-        let variance = part.variance.iter().zip(ratios).map(scaled).collect();
+        let variance = part.variance.par_iter().zip(ratios).map(scaled).collect();
         Part { mean: part.mean.clone(), variance }
     };
     Light { parts: light.parts.iter().zip(ratios).map(part).collect() }
