@@ -29,3 +29,7 @@ mod table;
 mod table1;
 mod transmitted;
 mod trial;
+mod unneeded;
+#[allow(dead_code)]
+#[path = "../common/unneeded.rs"]
+mod unneeded_features;
