@@ -87,7 +87,24 @@ impl<'g> Renderer<'g> {
     /// # Errors
     /// [`crate::Error::Usage`] for settings out of range, [`crate::Error::Buffer`] for what the device cannot hold, and
     /// those of [`Gpu::check`].
-    pub fn new(gpu: &'g Gpu, mut scene: Scene, camera: &Camera, settings: &Settings) -> Result<Renderer<'g>> {
+    pub fn new(gpu: &'g Gpu, scene: Scene, camera: &Camera, settings: &Settings) -> Result<Renderer<'g>> {
+        Renderer::with_features(gpu, scene, camera, settings, &[])
+    }
+
+    /// As [`Renderer::new`], with features switched on or off whatever the scene needs, to see what each costs.
+    /// Kernels, buffers and tables follow the switches, until a trial of photons ends without them: request photons.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::new`], and [`crate::Error::Kernel`] for a feature that lacks what only a scene that needs
+    /// it has.
+    #[doc(hidden)]
+    pub fn with_features(
+        gpu: &'g Gpu,
+        mut scene: Scene,
+        camera: &Camera,
+        settings: &Settings,
+        forced: &[(Feature, bool)],
+    ) -> Result<Renderer<'g>> {
         settings.check()?;
         let earlier_pass_times = gpu.pass_times()?;
         let mut totals = Totals::default();
@@ -99,11 +116,14 @@ impl<'g> Renderer<'g> {
         let mut specialisation = Specialisation::new(&scene, Some(camera), settings);
         specialisation.of_device(gpu, &scene, &bvh);
         specialisation.of_largest_table(gpu, GpuScene::largest_table(&scene, &bvh, &specialisation.features));
+        // Before tables are made, and again after the lights have decided on features of their own.
+        specialisation.force(forced);
         let size = [settings.image.width, settings.image.height];
         let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &specialisation.features)?;
         totals.scene_bytes = gpu_scene.bytes;
         let facts: Vec<_> = gpu_scene.lights.lights.iter().map(LightInfo::facts).collect();
         specialisation.of_packed_lights(&scene, &facts);
+        specialisation.force(forced);
 
         let start = Instant::now();
         let kernels = Kernels::new(gpu, &specialisation, &gpu_scene.constants(), settings)?;

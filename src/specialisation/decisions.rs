@@ -41,6 +41,11 @@ impl Specialisation {
         let list = if on { &mut self.kept } else { &mut self.left_out };
         list.push(Item { feature, reason, cost: cost.to_owned() });
     }
+
+    /// Switches features whatever was decided on them.
+    pub(crate) fn force(&mut self, forced: &[(Feature, bool)]) {
+        forced.iter().for_each(|(feature, on)| self.features.set(*feature, *on));
+    }
 }
 
 impl Item {

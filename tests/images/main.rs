@@ -30,3 +30,7 @@ mod table1;
 mod time_limit;
 mod transmitted;
 mod trial;
+mod unneeded;
+#[allow(dead_code)]
+#[path = "../common/unneeded.rs"]
+mod unneeded_features;

@@ -1,0 +1,113 @@
+//! The features that `scenes/box.glb` does not need, and how to render it with them nevertheless.
+
+use penumbra::internal::specialisation::features::Feature;
+
+/// A feature that changes no image of the box but its last bits.
+pub struct Unneeded {
+    pub feature: Feature,
+    /// Whether it is switched on. [`Feature::ShallowBvh`] is a need by its absence.
+    pub on: bool,
+    /// Features without which no scene has it. What it costs is compared with these alone.
+    pub beside: &'static [Feature],
+}
+
+impl Unneeded {
+    /// The switches of what it is compared with.
+    pub fn without(&self) -> Vec<(Feature, bool)> {
+        self.beside.iter().map(|feature| (*feature, true)).collect()
+    }
+
+    /// The switches that force it.
+    pub fn with(&self) -> Vec<(Feature, bool)> {
+        let mut switches = self.without();
+        switches.push((self.feature, self.on));
+        switches
+    }
+}
+
+/// The switches that force all of them.
+pub fn all_unneeded() -> Vec<(Feature, bool)> {
+    UNNEEDED.iter().map(|unneeded| (unneeded.feature, unneeded.on)).collect()
+}
+
+/// Those that round the rays of the box in another way: distances along the plane of a needle, origins on an iris of
+/// radius 0.
+pub const OTHER_RAYS: [Feature; 2] = [Feature::Needles, Feature::ThinLens];
+
+const fn alone(feature: Feature) -> Unneeded {
+    Unneeded { feature, on: true, beside: &[] }
+}
+
+const fn beside(feature: Feature, beside: &'static [Feature]) -> Unneeded {
+    Unneeded { feature, on: true, beside }
+}
+
+pub const UNNEEDED: &[Unneeded] = &[
+    alone(Feature::LayeredTexels),
+    Unneeded { feature: Feature::ShallowBvh, on: false, beside: &[] },
+    alone(Feature::Needles),
+    alone(Feature::Procedurals),
+    alone(Feature::SmoothNormals),
+    alone(Feature::VertexColours),
+    alone(Feature::Textures),
+    beside(Feature::Uv1, &[Feature::Textures]),
+    beside(Feature::NormalMaps, &[Feature::Textures]),
+    beside(Feature::EmissiveTextures, &[Feature::Textures]),
+    alone(Feature::AlphaTest),
+    alone(Feature::Unlit),
+    alone(Feature::Glossy),
+    beside(Feature::BsdfRays, &[Feature::Glossy]),
+    beside(Feature::Anisotropy, &[Feature::Glossy]),
+    beside(Feature::Iridescence, &[Feature::Glossy]),
+    beside(Feature::Sheen, &[Feature::Glossy]),
+    beside(Feature::Clearcoat, &[Feature::Glossy]),
+    beside(Feature::CoatNormals, &[Feature::Glossy, Feature::Textures, Feature::Clearcoat]),
+    beside(Feature::Transmission, &[Feature::Glossy]),
+    beside(Feature::DiffuseTransmission, &[Feature::Glossy, Feature::Transmission]),
+    beside(Feature::Dispersion, &[Feature::Glossy, Feature::Transmission]),
+    beside(Feature::Immersed, &[Feature::Glossy, Feature::Transmission]),
+    beside(Feature::SpecularChains, &[Feature::Glossy]),
+    beside(Feature::Caustics, &[Feature::Glossy]),
+    alone(Feature::PointLights),
+    alone(Feature::SpotLights),
+    alone(Feature::DirectionalLights),
+    alone(Feature::ManyEmitters),
+    beside(Feature::EmitterPairs, &[Feature::ManyEmitters]),
+    alone(Feature::SampledForms),
+    alone(Feature::LightTags),
+    alone(Feature::ThinLens),
+    alone(Feature::AdaptiveSampling),
+    alone(Feature::AovAlbedo),
+    alone(Feature::AovNormal),
+    alone(Feature::AovPosition),
+    alone(Feature::Guides),
+    alone(Feature::ShownCells),
+];
+
+/// The features that are not forced on the box, and why.
+pub const NOT_FORCED: &[(&[Feature], &str)] = &[
+    (&[Feature::Instances], "needs a hierarchy over instances, which the box has not"),
+    (&[Feature::Environment], "needs the tables of a panorama, which the box has not"),
+    (&[Feature::HiddenEnvironment], "leaves out code of `environment`"),
+    (&[Feature::FarEmitters], "leaves out code of `many_emitters` and `emitter_pairs`"),
+    (
+        &[
+            Feature::PaperCounting,
+            Feature::ExactCounts,
+            Feature::AovShadow,
+            Feature::VisibilityEstimate,
+            Feature::Cells,
+            Feature::VoxelTags,
+            Feature::LightBuffer,
+            Feature::Ward,
+            Feature::LightSampling,
+            Feature::UniformLightSampling,
+            Feature::ContributionSampling,
+            Feature::Zones,
+            Feature::PhotonMap,
+            Feature::NegativePhotons,
+            Feature::Highlights,
+        ],
+        "another method, whose image has other noise or other errors",
+    ),
+];

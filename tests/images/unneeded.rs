@@ -1,0 +1,82 @@
+//! Features that a scene does not need, forced on.
+
+use kernel_kit::Feature as _;
+use penumbra::internal::scene::ImportOptions;
+use penumbra::internal::specialisation::features::Feature;
+use penumbra::{Image, Renderer, Scene, Settings};
+
+use crate::setup::{gpu, scene_file};
+use crate::unneeded_features::{NOT_FORCED, OTHER_RAYS, UNNEEDED, all_unneeded};
+
+fn settings() -> Settings {
+    Settings::default().with(|s| {
+        (s.image.width, s.image.height, s.image.spp) = (48, 48, 4);
+        // Images so small would have no photons unless their number is requested.
+        s.visibility_map.photons_per_light = Some(4096);
+    })
+}
+
+fn renderer(settings: &Settings, forced: &[(Feature, bool)]) -> Renderer<'static> {
+    let scene = Scene::load(scene_file("box.glb"), &ImportOptions::default()).unwrap();
+    let camera = scene.cameras[0].clone();
+    Renderer::with_features(gpu(), scene, &camera, settings, forced).unwrap()
+}
+
+fn image(settings: &Settings, forced: &[(Feature, bool)]) -> Image {
+    let mut renderer = renderer(settings, forced);
+    while renderer.samples() < settings.image.spp {
+        renderer.render_batch().unwrap();
+    }
+    renderer.image().unwrap()
+}
+
+/// Every feature is one that the box needs, one that is forced in the next test, or one that is said not to be.
+#[test]
+fn every_feature_is_needed_or_forced_or_excused() {
+    let renderer = renderer(&settings(), &[]);
+    let features = &renderer.specialisation().features;
+    for feature in Feature::ALL {
+        let needed = features.has(*feature);
+        let forced = UNNEEDED.iter().filter(|unneeded| unneeded.feature == *feature).count();
+        let excused = NOT_FORCED.iter().filter(|(excused, _)| excused.contains(feature)).count();
+        let name = feature.name();
+        match UNNEEDED.iter().find(|unneeded| unneeded.feature == *feature) {
+            Some(unneeded) => assert!(needed != unneeded.on && forced + excused == 1, "{name}: nothing is forced"),
+            None => assert!(needed || excused == 1, "{name}: neither forced nor excused"),
+        }
+    }
+}
+
+/// The share of values that differ by more than the roundings of longer sums, 1e-4 of a value. Values below a tenth of
+/// the mean count as that.
+fn differing(a: &Image, b: &Image) -> f64 {
+    let values = |image: &Image| -> Vec<f64> {
+        ["R", "G", "B"].iter().flat_map(|name| image.channel(name).unwrap()).map(|value| f64::from(*value)).collect()
+    };
+    let (a, b) = (values(a), values(b));
+    let dark = 0.1 * a.iter().sum::<f64>() / a.len() as f64;
+    assert!(dark > 0.0 && a.len() == b.len());
+    let differs = |(a, b): &(&f64, &f64)| (*a - *b).abs() > 1e-4 * a.abs().max(dark);
+    a.iter().zip(&b).filter(differs).count() as f64 / a.len() as f64
+}
+
+/// All features that the box does not need change its image by roundings alone.
+#[test]
+fn unneeded_features_change_no_image() {
+    let settings = settings().with(|s| s.indirect.irradiance_cache.enabled = false);
+    let plain = image(&settings, &[]);
+    let share = differing(&plain, &image(&settings, &all_unneeded()));
+    assert!(share == 0.0, "{share} of the values differ");
+    let other = image(&settings.clone().with(|s| s.image.seed = 2), &[]);
+    assert!(differing(&plain, &other) > 0.5, "other random numbers are not seen");
+}
+
+/// Irradiance records amplify roundings. All features that leave the rays as they are change at most one of a hundred
+/// values by more. It was one of five hundred, because smooth surfaces and normal maps keep records in another form.
+#[test]
+fn unneeded_features_hardly_change_interpolated_light() {
+    let settings = settings();
+    let forced: Vec<_> = all_unneeded().into_iter().filter(|(feature, _)| !OTHER_RAYS.contains(feature)).collect();
+    let share = differing(&image(&settings, &[]), &image(&settings, &forced));
+    assert!(share < 0.01, "{share} of the values differ");
+}
