@@ -22,7 +22,10 @@ mod device;
 #[path = "../tests/common/unneeded.rs"]
 mod unneeded;
 
-use unneeded::{NOT_FORCED, OTHER_RAYS, UNNEEDED, Unneeded, all_unneeded};
+use unneeded::{
+    NOT_FORCED, OTHER_RAYS, ROUNDING, UNNEEDED, Unneeded, all_unneeded, relative_differences, share_beyond_rounding,
+    values,
+};
 
 /// Renders for each time.
 const ROUNDS: usize = 5;
@@ -30,12 +33,6 @@ const ROUNDS: usize = 5;
 /// Side of the image, and samples of each pixel: half a second on two cores of lavapipe.
 const SIDE: u32 = 160;
 const SPP: u32 = 8;
-
-/// Values of the image below this share of the mean count as that, or a black one would have any relative difference.
-const DARK: f64 = 0.1;
-
-/// Relative difference up to which roundings explain it. Above it, some ray has hit another surface because of them.
-const ROUNDING: f64 = 1e-4;
 
 /// Features, and passes, that the page names as the dearest.
 const DEAREST: usize = 5;
@@ -134,20 +131,12 @@ struct Difference {
 
 impl Difference {
     fn of(before: &Image, after: &Image) -> Difference {
-        let values = |image: &Image| -> Vec<f64> {
-            let channels = ["R", "G", "B"].iter().filter_map(|name| image.channel(name));
-            channels.flatten().map(|value| f64::from(*value)).collect()
-        };
         let (before, after) = (values(before), values(after));
-        let sum: f64 = before.iter().sum();
-        let number = before.len() as f64;
-        let dark = DARK * sum / number;
-        let relative = |(a, b): (&f64, &f64)| (a - b).abs() / a.abs().max(dark);
-        let all: Vec<f64> = before.iter().zip(&after).map(relative).collect();
+        let all = relative_differences(&before, &after);
         Difference {
             largest: all.iter().fold(0.0, |largest, difference| difference.max(largest)),
-            beyond: all.iter().filter(|difference| **difference > ROUNDING).count() as f64 / number,
-            mean: (after.iter().sum::<f64>() / sum - 1.0).abs(),
+            beyond: share_beyond_rounding(&all),
+            mean: (after.iter().sum::<f64>() / before.iter().sum::<f64>() - 1.0).abs(),
         }
     }
 

@@ -83,6 +83,14 @@ impl Target {
     }
 }
 
+impl Drop for Target {
+    fn drop(&mut self) {
+        if let Target::Bar(bar) = self {
+            bar.finish_and_clear();
+        }
+    }
+}
+
 /// Shows from now on how many kernels the driver has compiled, where it has not compiled them before.
 pub fn show_compilation(gpu: &Gpu, quiet: bool) {
     let shown: Mutex<Option<(Instant, Target)>> = Mutex::default();
@@ -91,9 +99,6 @@ pub fn show_compilation(gpu: &Gpu, quiet: bool) {
         let (started, target) = shown.get_or_insert_with(|| (Instant::now(), Target::new(quiet)));
         target.show(started.elapsed(), done as f64 / all as f64, || format!("compiling {done} of {all} kernels"));
         if done == all {
-            if let Target::Bar(bar) = target {
-                bar.finish_and_clear();
-            }
             *shown = None;
         }
     });
@@ -124,14 +129,6 @@ impl Display {
         let total = elapsed + left.unwrap_or(Duration::MAX / 2);
         let done = elapsed.as_secs_f64() / total.as_secs_f64().max(f64::MIN_POSITIVE);
         self.target.show(elapsed, done, message);
-    }
-}
-
-impl Drop for Display {
-    fn drop(&mut self) {
-        if let Target::Bar(bar) = &self.target {
-            bar.finish_and_clear();
-        }
     }
 }
 

@@ -131,14 +131,15 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         });
         notes.say(&[format!("denoising would take too much of --time {}: {rest}", time.as_secs_f64())]);
     }
+    let denoising = Duration::from_secs_f64(denoiser.seconds(&gpu, pixels));
+    let sampling = arguments.time.map(|time| time.saturating_sub(denoising));
     if arguments.settings.is_automatic() {
-        let denoising = denoiser.seconds(&gpu, pixels);
-        let within = arguments.time.map(|time| time.as_secs_f64() - denoising);
+        let within = sampling.map(|time| time.as_secs_f64());
         let Choice { technique, reason } = Choice::new(&gpu, &scene, &camera, &settings, within);
         settings.technique = technique;
-        notes.say(
-            &reason.map(|reason| format!("--technique {technique}, since {reason}")).into_iter().collect::<Vec<_>>(),
-        );
+        if let Some(reason) = reason {
+            notes.say(&[format!("--technique {technique}, since {reason}")]);
+        }
     }
     let mut session = Session {
         arguments,
@@ -147,6 +148,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         started,
         import,
         start,
+        sampling,
         spp: settings.image.range().count(),
         announced: false,
         notes,
@@ -194,6 +196,8 @@ struct Session<'a> {
     /// Seconds that reading the scene and opening the device took.
     import: f64,
     start: f64,
+    /// From the start of an image to its last sample, if its time is limited: the rest is for denoising.
+    sampling: Option<Duration>,
     spp: u32,
     /// The user has been told that the render has begun.
     announced: bool,
@@ -323,10 +327,7 @@ impl Session<'_> {
         self.notes.say(renderer.notes());
         // Before this point there is nothing to save.
         self.interrupt.defer();
-        let part = renderer.settings().image.part();
-        let denoising = self.denoiser.seconds(renderer.gpu(), u64::from(part.width) * u64::from(part.height));
-        let deadline =
-            arguments.time.map(|time| self.started + time.saturating_sub(Duration::from_secs_f64(denoising)));
+        let deadline = self.sampling.map(|time| self.started + time);
         if !arguments.quiet && !self.announced {
             let Settings { technique, image, .. } = renderer.settings();
             let device = &renderer.gpu().info.name;

@@ -48,14 +48,13 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`Renderer::render_batch`].
     pub fn render_up_to(&mut self, limit: u32) -> Result<Progress> {
-        self.refine()?;
+        self.refine_to(self.due_stage())?;
         self.add_samples(limit)
     }
 
     /// As [`Renderer::render_up_to`], with the indirect light that there is.
     pub(super) fn add_samples(&mut self, limit: u32) -> Result<Progress> {
         let begun = Instant::now();
-        let start = begun;
         if self.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());
         }
@@ -85,7 +84,7 @@ impl Renderer<'_> {
         self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, points);
         self.count_procedural_misses()?;
         self.totals.check()?;
-        self.totals.time_render += start.elapsed().as_secs_f64();
+        self.totals.time_render += begun.elapsed().as_secs_f64();
         self.end_trial(samples, &counted)?;
         let start = Instant::now();
         self.keep()?;

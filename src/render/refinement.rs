@@ -13,32 +13,18 @@ use crate::light_transport::kernels::IndirectKernels;
 use crate::light_transport::shared::Shared;
 
 impl Renderer<'_> {
-    /// Makes new and more photons and irradiance records, once there are enough samples. The next batch does this by
-    /// itself; call it separately to measure its time.
-    ///
-    /// # Errors
-    /// As [`Renderer::new`].
-    pub fn refine(&mut self) -> Result<()> {
-        self.refine_to(self.due_stage())
-    }
-
-    /// As [`Renderer::refine`], for that number of samples.
-    pub(super) fn refine_for(&mut self, samples: u32) -> Result<()> {
-        self.refine_to(self.stage_for(samples))
-    }
-
     /// The stage for the next sample, if there is time for it.
     pub(super) fn due_stage(&self) -> i32 {
         self.stage_for(self.settings.image.range().first + self.samples)
     }
 
     /// That of the samples that follow the first `samples`.
-    fn stage_for(&self, samples: u32) -> i32 {
+    pub(super) fn stage_for(&self, samples: u32) -> i32 {
         let has_map = self.lighting.indirect.as_ref().is_some_and(IndirectLight::has_map);
         if has_map { stage(&self.settings, samples) } else { self.stage }
     }
 
-    /// Makes the indirect light of a stage, unless that is in use.
+    /// Makes the photons and irradiance records of a stage, unless they are in use.
     pub(super) fn refine_to(&mut self, stage: i32) -> Result<()> {
         if stage == self.stage {
             return Ok(());

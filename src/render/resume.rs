@@ -112,7 +112,7 @@ impl Renderer<'_> {
         if !self.lighting.restore(&Shared { gpu, scene, gpu_scene, tile }, &map, &mut self.totals)? {
             return Err(damaged());
         }
-        self.refine_for(self.settings.image.range().first + header.samples)?;
+        self.refine_to(self.stage_for(self.settings.image.range().first + header.samples))?;
         self.samples = header.samples;
         self.blocks.clone_from(&header.blocks);
         self.batches = header.batches;

@@ -5,7 +5,6 @@ use std::time::Instant;
 use super::batches::Progress;
 use super::renderer::Renderer;
 use crate::Result;
-use crate::light_transport::indirect_light::IndirectLight;
 
 /// Largest share of the time left that better indirect light may take: what it gains is in the samples that follow it.
 /// With half of it, as many of these fit as without.
@@ -38,9 +37,8 @@ impl Renderer<'_> {
     /// As [`Renderer::render_batch`].
     pub fn render_batch_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
         if let Some(sample) = self.seconds_per_sample {
-            let more = self.due_stage() - self.stage;
-            let cost = self.lighting.indirect.as_ref().map(IndirectLight::cost).filter(|_| more > 0);
-            let refinement = cost.map_or(0.0, |cost| cost.after(more));
+            let due = self.due_stage();
+            let refinement = if due == self.stage { 0.0 } else { self.refinement_seconds(due) };
             if refinement + sample * f64::from(self.next_layers()) > seconds {
                 return Ok(None);
             }
@@ -50,10 +48,13 @@ impl Renderer<'_> {
 
     /// Makes the best indirect light that is due and leaves enough of `seconds`.
     fn refine_within(&mut self, seconds: f64) -> Result<()> {
-        let due = self.due_stage();
-        let most = REFINEMENT_SHARE * seconds;
-        let Some(cost) = self.lighting.indirect.as_ref().map(IndirectLight::cost) else { return Ok(()) };
-        let fitting = (self.stage + 1..=due).rev().find(|stage| cost.after(stage - self.stage) <= most);
+        let later = self.stage + 1..=self.due_stage();
+        let fitting = later.rev().find(|stage| self.refinement_seconds(*stage) <= REFINEMENT_SHARE * seconds);
         fitting.map_or(Ok(()), |stage| self.refine_to(stage))
+    }
+
+    /// Expected seconds to make the indirect light of a stage.
+    fn refinement_seconds(&self, stage: i32) -> f64 {
+        self.lighting.indirect.as_ref().map_or(0.0, |indirect| indirect.cost().after(stage - self.stage))
     }
 }

@@ -1,5 +1,6 @@
 //! The features that `scenes/box.glb` does not need, and how to render it with them nevertheless.
 
+use penumbra::Image;
 use penumbra::internal::specialisation::features::Feature;
 
 /// A feature that changes no image of the box but its last bits.
@@ -35,7 +36,7 @@ pub fn all_unneeded() -> Vec<(Feature, bool)> {
 pub const OTHER_RAYS: [Feature; 2] = [Feature::Needles, Feature::ThinLens];
 
 const fn alone(feature: Feature) -> Unneeded {
-    Unneeded { feature, on: true, beside: &[] }
+    beside(feature, &[])
 }
 
 const fn beside(feature: Feature, beside: &'static [Feature]) -> Unneeded {
@@ -111,3 +112,27 @@ pub const NOT_FORCED: &[(&[Feature], &str)] = &[
         "another method, whose image has other noise or other errors",
     ),
 ];
+
+/// Values of an image below this share of its mean count as that, or a black one would have any relative difference.
+const DARK: f64 = 0.1;
+
+/// Relative difference of two values up to which roundings of longer sums explain it. Above it, some ray has hit
+/// another surface because of them.
+pub const ROUNDING: f64 = 1e-4;
+
+/// R, G and B of an image.
+pub fn values(image: &Image) -> Vec<f64> {
+    ["R", "G", "B"].iter().flat_map(|name| image.channel(name).unwrap()).map(|value| f64::from(*value)).collect()
+}
+
+/// The differences of the values of two images, relative to those of the first.
+pub fn relative_differences(a: &[f64], b: &[f64]) -> Vec<f64> {
+    let dark = DARK * a.iter().sum::<f64>() / a.len() as f64;
+    assert!(dark > 0.0 && a.len() == b.len());
+    a.iter().zip(b).map(|(a, b)| (a - b).abs() / a.abs().max(dark)).collect()
+}
+
+/// The share of them that exceeds [`ROUNDING`].
+pub fn share_beyond_rounding(differences: &[f64]) -> f64 {
+    differences.iter().filter(|difference| **difference > ROUNDING).count() as f64 / differences.len() as f64
+}

@@ -7,7 +7,7 @@ use penumbra::internal::scene::ImportOptions;
 use penumbra::settings::{Background, Crop, Denoise, SampleRange};
 use penumbra::{Aov, Denoiser, Image, Metadata, Renderer, Scene, Settings, Technique};
 
-use crate::setup::{gpu, scene_file};
+use crate::setup::{assert_same, gpu, scene_file};
 
 /// Numbers from 0 to `below` - 1.
 struct Random(u64);
@@ -71,16 +71,6 @@ fn cut(random: &mut Random, part: (SampleRange, Crop), times: u32) -> Vec<(Sampl
         parts.swap(i, random.below(i as u32 + 1) as usize);
     }
     parts
-}
-
-fn assert_same(a: &Image, b: &Image, what: &str) {
-    assert_eq!(a.metadata, b.metadata, "{what}");
-    let names = |image: &Image| image.channels.iter().map(|channel| channel.name.clone()).collect::<Vec<_>>();
-    assert_eq!(names(a), names(b), "{what}");
-    for (a, b) in a.channels.iter().zip(&b.channels) {
-        let different = a.samples.iter().zip(&b.samples).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
-        assert_eq!(different, 0, "{what}: pixels of {}", a.name);
-    }
 }
 
 fn settings(technique: Technique, spp: u32) -> Settings {

@@ -53,3 +53,15 @@ pub fn mean_and_error(image: &Image, channel: &str) -> (f64, f64) {
 pub fn deviation((a, error_a): (f64, f64), (b, error_b): (f64, f64)) -> f64 {
     (a - b).abs() / error_a.hypot(error_b)
 }
+
+/// Both have the same channels, bits and metadata.
+#[track_caller]
+pub fn assert_same(a: &Image, b: &Image, what: &str) {
+    assert_eq!(a.metadata, b.metadata, "{what}");
+    let names = |image: &Image| image.channels.iter().map(|channel| channel.name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(a), names(b), "{what}");
+    for (a, b) in a.channels.iter().zip(&b.channels) {
+        let different = a.samples.iter().zip(&b.samples).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
+        assert_eq!(different, 0, "{what}: pixels of {}", a.name);
+    }
+}

@@ -5,7 +5,7 @@ use penumbra::internal::techniques::auto::Choice;
 use penumbra::settings::Denoise;
 use penumbra::{Aov, Denoiser, Renderer, Scene, Settings, Technique};
 
-use crate::setup::{gpu, scene_file};
+use crate::setup::{assert_same, gpu, scene_file};
 
 fn load(name: &str) -> Scene {
     Scene::load(scene_file(name), &ImportOptions::default()).unwrap()
@@ -32,11 +32,7 @@ fn ample_time_changes_no_bit() {
         assert_eq!(limited.samples(), free.samples());
     }
     assert_eq!(limited.statistics().unwrap().rays, free.statistics().unwrap().rays);
-    let [a, b] = [limited.image().unwrap(), free.image().unwrap()];
-    for (a, b) in a.channels.iter().zip(&b.channels) {
-        assert_eq!(a.name, b.name);
-        assert!(a.samples.iter().zip(&b.samples).all(|(a, b)| a.to_bits() == b.to_bits()), "{}", a.name);
-    }
+    assert_same(&limited.image().unwrap(), &free.image().unwrap(), "with ample time");
 }
 
 /// Whole batches have the bits of a render without a limit, wherever time ends.
@@ -57,10 +53,7 @@ fn whole_batches_keep_their_bits() {
     while free.samples() < 8 {
         free.render_batch().unwrap();
     }
-    let [a, b] = [limited.image().unwrap(), free.image().unwrap()];
-    for (a, b) in a.channels.iter().zip(&b.channels) {
-        assert!(a.samples.iter().zip(&b.samples).all(|(a, b)| a.to_bits() == b.to_bits()), "{}", a.name);
-    }
+    assert_same(&limited.image().unwrap(), &free.image().unwrap(), "by whole batches");
 }
 
 /// The first sample is rendered in any case, and no other without time.

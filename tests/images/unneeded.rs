@@ -6,7 +6,9 @@ use penumbra::internal::specialisation::features::Feature;
 use penumbra::{Image, Renderer, Scene, Settings};
 
 use crate::setup::{gpu, scene_file};
-use crate::unneeded_features::{NOT_FORCED, OTHER_RAYS, UNNEEDED, all_unneeded};
+use crate::unneeded_features::{
+    NOT_FORCED, OTHER_RAYS, UNNEEDED, all_unneeded, relative_differences, share_beyond_rounding, values,
+};
 
 fn settings() -> Settings {
     Settings::default().with(|s| {
@@ -47,17 +49,9 @@ fn every_feature_is_needed_or_forced_or_excused() {
     }
 }
 
-/// The share of values that differ by more than the roundings of longer sums, 1e-4 of a value. Values below a tenth of
-/// the mean count as that.
+/// The share of values that differ by more than roundings.
 fn differing(a: &Image, b: &Image) -> f64 {
-    let values = |image: &Image| -> Vec<f64> {
-        ["R", "G", "B"].iter().flat_map(|name| image.channel(name).unwrap()).map(|value| f64::from(*value)).collect()
-    };
-    let (a, b) = (values(a), values(b));
-    let dark = 0.1 * a.iter().sum::<f64>() / a.len() as f64;
-    assert!(dark > 0.0 && a.len() == b.len());
-    let differs = |(a, b): &(&f64, &f64)| (*a - *b).abs() > 1e-4 * a.abs().max(dark);
-    a.iter().zip(&b).filter(differs).count() as f64 / a.len() as f64
+    share_beyond_rounding(&relative_differences(&values(a), &values(b)))
 }
 
 /// All features that the box does not need change its image by roundings alone.
