@@ -79,7 +79,8 @@ pub struct Arguments {
     #[command(flatten)]
     settings: RenderOptions,
 
-    /// Render for this time; --spp is then only an upper limit, without a default
+    /// Have the image within this time, with reading, denoising and writing, if one sample fits; --spp is then only an
+    /// upper limit, without a default
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
     time: Option<Duration>,
 
