@@ -9,8 +9,12 @@ mod mesh;
 mod point;
 mod spot;
 
+use std::cell::OnceCell;
+
+use glam::Vec3;
 use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat, bindings};
 
+use super::bounds::bounding_sphere_of_scene;
 use super::environment::GpuEnvironment;
 use super::receivers::ReceiverBounds;
 use super::{oct_encode16, sobol};
@@ -50,11 +54,12 @@ impl GpuLights {
             _ => None,
         };
         let irradiance = environment.as_ref().map_or(0.0, |environment| environment.irradiance);
+        let lit = LitScene { scene, irradiance, receivers, sphere: OnceCell::new() };
         let mut meshes = MeshTexels::default();
         let mut lights = Vec::with_capacity(scene.lights.len());
         let mut texels: Vec<LightTexels> = Vec::with_capacity(scene.lights.len());
         for (index, light) in scene.lights.iter().enumerate() {
-            let packed = pack(&mut meshes, scene, index as u32, &light.kind, irradiance, receivers);
+            let packed = pack(&mut meshes, &lit, index as u32, &light.kind);
             lights.push(packed.info);
             texels.push(packed.texels);
         }
@@ -110,24 +115,37 @@ impl Bindings for GpuLights {
     }
 }
 
-/// Packs the light with the index `index`, by its kind; `irradiance` is the environment's.
-fn pack(
-    meshes: &mut MeshTexels,
-    scene: &Scene,
-    index: u32,
-    kind: &LightKind,
+/// What the packing of a light takes from the scene.
+struct LitScene<'a> {
+    scene: &'a Scene,
+    /// The environment's.
     irradiance: f64,
     receivers: Option<ReceiverBounds>,
-) -> Packed {
+    sphere: OnceCell<(Vec3, f32)>,
+}
+
+impl LitScene<'_> {
+    /// A sphere around the scene, for the lights that are infinitely far away. All of them share it: of ten thousand
+    /// vertices it takes as long as packing a hundred lights.
+    fn sphere(&self) -> (Vec3, f32) {
+        *self.sphere.get_or_init(|| bounding_sphere_of_scene(self.scene.placed_vertices()))
+    }
+}
+
+/// Packs the light with the index `index`, by its kind.
+fn pack(meshes: &mut MeshTexels, lit: &LitScene<'_>, index: u32, kind: &LightKind) -> Packed {
+    let receivers = lit.receivers;
     match kind {
-        LightKind::Mesh { material, emitters } => mesh::pack(meshes, scene, index, (*material, emitters), receivers),
+        LightKind::Mesh { material, emitters } => {
+            mesh::pack(meshes, lit.scene, index, (*material, emitters), receivers)
+        }
         LightKind::Point { position, intensity, range } => point::pack(*position, *intensity, *range, receivers),
         LightKind::Spot { position, direction, intensity, cos_inner, cos_outer, range } => {
             let (position, direction, cos_inner, cos_outer) = (*position, *direction, *cos_inner, *cos_outer);
             spot::pack(spot::Cone { position, direction, cos_inner, cos_outer }, *intensity, *range, receivers)
         }
-        LightKind::Directional { direction, irradiance } => directional::pack(scene, *direction, *irradiance),
-        LightKind::Environment { .. } => environment::pack(scene, irradiance),
+        LightKind::Directional { direction, irradiance } => directional::pack(lit.sphere(), *direction, *irradiance),
+        LightKind::Environment { .. } => environment::pack(lit.sphere(), lit.irradiance),
     }
 }
 

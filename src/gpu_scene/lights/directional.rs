@@ -5,11 +5,9 @@ use std::f64::consts::PI;
 use glam::Vec3;
 
 use super::layout::{self, LightInfo, Packed, bits, mean, texels};
-use crate::gpu_scene::bounds::bounding_sphere_of_scene;
-use crate::scene::Scene;
 
-pub(super) fn pack(scene: &Scene, direction: Vec3, irradiance: Vec3) -> Packed {
-    let (centre, radius) = bounding_sphere_of_scene(scene.placed_vertices());
+/// `centre` and `radius` are those of a sphere around the scene.
+pub(super) fn pack((centre, radius): (Vec3, f32), direction: Vec3, irradiance: Vec3) -> Packed {
     let area = PI * f64::from(radius).powi(2);
     Packed {
         texels: texels([

@@ -2,13 +2,13 @@
 
 use std::f64::consts::PI;
 
-use super::layout::{self, Emission, LightInfo, Packed, bits, texels};
-use crate::gpu_scene::bounds::bounding_sphere_of_scene;
-use crate::scene::Scene;
+use glam::Vec3;
 
-/// `irradiance` is the integral of the panorama's radiance, mean of the three channels, over solid angle.
-pub(super) fn pack(scene: &Scene, irradiance: f64) -> Packed {
-    let (centre, radius) = bounding_sphere_of_scene(scene.placed_vertices());
+use super::layout::{self, Emission, LightInfo, Packed, bits, texels};
+
+/// `centre` and `radius` are those of a sphere around the scene; `irradiance` is the integral of the panorama's
+/// radiance, mean of the three channels, over solid angle.
+pub(super) fn pack((centre, radius): (Vec3, f32), irradiance: f64) -> Packed {
     Packed {
         texels: texels([
             (layout::KIND_TEXEL, [layout::ENVIRONMENT, 0, 0, 0]),
