@@ -82,7 +82,8 @@ fn first_sample(scene: &Scene, camera: &Camera, settings: &Settings, cores: f64)
     let is_large = features.has(Feature::Glossy) || features.has(Feature::Procedurals);
     let kernels = seconds::KERNELS + if is_large { seconds::LARGE_KERNELS } else { 0.0 };
     let has_zones = features.has(Feature::Zones);
-    let lights = if has_zones { settings.light_sampling.sampled_lights as usize } else { scene.lights.len() } as f64;
+    let is_sampled = features.has(Feature::LightSampling);
+    let lights = if is_sampled { settings.light_sampling.sampled_lights as usize } else { scene.lights.len() } as f64;
     let zones = if has_zones { scene.lights.len() as f64 * seconds::LIGHT_OF_ZONES } else { 0.0 };
     let part = settings.image.part();
     let pixels = f64::from(part.width) * f64::from(part.height);

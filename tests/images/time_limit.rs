@@ -146,3 +146,17 @@ fn the_technique_fits_the_time() {
         }
     }
 }
+
+/// Of many lights each point samples a few, so a hundred thousand leave time for photons.
+#[test]
+fn many_lights_leave_time_for_photons() {
+    let mut scene = load("box.glb");
+    let camera = scene.cameras[0].clone();
+    scene.lights = vec![scene.lights[0].clone(); 100_000];
+    let settings = settings(4).with(|s| {
+        s.technique = Technique::default();
+        (s.image.width, s.image.height) = (256, 256);
+    });
+    let choice = Choice::new(gpu(), &scene, &camera, &settings, Some(5.0));
+    assert_eq!(choice, Choice { technique: Technique::default(), reason: None });
+}
