@@ -363,6 +363,7 @@ impl Session<'_> {
         self.notes.say(renderer.notes());
         let checkpoint = arguments.checkpoint.as_ref().map(|_| renderer.checkpoint()).transpose()?;
         let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
+        self.notes.say(renderer.note_on(&image).as_slice());
         let start = Instant::now();
         let outcome = match renderer.add_denoised(&mut image, self.denoiser) {
             // The library has failed, and the raw image is safe.

@@ -26,6 +26,7 @@ mod stages;
 mod tiles;
 mod time_limit;
 mod trial;
+mod unseen;
 
 pub use batches::Progress;
 pub use checkpoint::Checkpoint;

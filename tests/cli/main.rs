@@ -5,6 +5,7 @@ mod check;
 mod compare;
 mod denoise;
 mod environment;
+mod limits;
 mod pieces;
 mod plan;
 mod program;

@@ -25,7 +25,8 @@
 //! 14. one triangle: `geometry::one_triangle_is_a_scene`
 //! 15. an empty scene: `geometry::scenes_may_be_dark_or_empty`,
 //!     `cli::render::notes_are_said_once_and_kept_in_the_statistics`
-//! 16. no light: `geometry::scenes_may_be_dark_or_empty`
+//! 16. no light, or none that arrives: `geometry::scenes_may_be_dark_or_empty`, `cli::limits::no_light_at_all`,
+//!     `cli::limits::a_camera_in_the_dark_says_so`
 //! 17. numbers that are not finite: `scene::bad_input::numbers_that_are_not_finite`
 //! 18. nodes scaled to nothing: `scene::geometry::zero_scales_flatten_and_what_has_no_area_is_dropped`
 //! 19. negative scale: `placement::mirroring_nodes_keep_surfaces_outward`,
@@ -34,7 +35,7 @@
 //! 21. nested closed boxes: `geometry::no_light_leaves_a_closed_box`, `kernels::traverse::closed_boxes_are_watertight`
 //! 22. a wall 1e-5 thick: `geometry::no_light_passes_a_thin_wall`,
 //!     `images::indirect::no_light_leaks_through_thin_walls`
-//! 23. many lights: `lights::many_lights_equal_the_whole_lamp`
+//! 23. many lights: `lights::many_lights_equal_the_whole_lamp`, `cli::limits::a_hundred_thousand_lights`
 //! 24. photons: one, or a cell full: `counts::one_photon_or_a_full_cell_is_enough`,
 //!     `kernels::grid::crowded_cells_keep_every_photon`
 //! 25. identical centroids: `kernels::traverse::identical_centroids_are_traced`, `src/bvh/tests.rs`
@@ -48,7 +49,9 @@
 //! 32. long work in parts: `kernels::primary::tiles_and_layers_are_the_whole`, `kernels::flux::batches_do_not_show`
 //! 33. foreign checkpoints: `cli::render::checkpoints_of_something_else_are_refused`
 //! 34. images of no, one and many pixels: `counts::images_may_have_any_shape`,
-//!     `cli::usage::wrong_usage_names_the_option`
+//!     `cli::usage::wrong_usage_names_the_option`, `cli::limits::one_pixel_of_one_sample`
+//! 35. a view of nothing: `cli::limits::a_camera_that_sees_nothing_says_why`
+//! 36. an environment alone: `cli::limits::an_environment_alone`
 //!
 //! Further cases:
 //!
