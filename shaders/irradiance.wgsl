@@ -20,6 +20,7 @@ import package::lib::grid::{
 @if(photon_map || caustics) import package::lib::visible_point::{load_point, load_surface};
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
 import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
+@if(negative_photons) import package::lib::constants::UNSHADOWED_LIGHTS;
 @if(negative_photons) import package::lib::light::table::{light_count, light_has_closed_form};
 @if(negative_photons) import package::lib::light::{light_sample, light_unshadowed_irradiance};
 @if(negative_photons) import package::lib::sampling::sobol2;
@@ -38,7 +39,8 @@ struct IrradianceParameters {
     step: f32,
     // Radius of a disc, relative to that of a disc with k photons.
     shrink: f32,
-    padding: u32,
+    // The first of the lights whose unshadowed light is added. From the second such list on nothing else is.
+    first_light: u32,
 }
 
 var<immediate> irradiance_pass: IrradianceParameters;
@@ -83,6 +85,12 @@ fn show(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
+    var before = vec3f(0.0);
+    @if(negative_photons) {
+        if irradiance_pass.first_light > 0u { before = radiance_indirect[i].xyz; }
+        // An invalid sample stays one, and is counted once.
+        if !is_finite3(before) { return; }
+    }
     var radiance = vec3f(0.0);
     let point = load_point(i);
     if point.normal != INVALID_POINT {
@@ -92,7 +100,7 @@ fn show(
         @if(specular_chains) { radiance *= surface.chain.xyz; }
         radiance = checked(radiance, i);
     }
-    radiance_indirect[i] = vec4f(radiance, 1.0);
+    radiance_indirect[i] = vec4f(before + radiance, 1.0);
 }
 
 // Adds the light of the caustic map at the points of a tile. Focused light is far denser in some spots than around
@@ -158,7 +166,10 @@ fn irradiance_at(position: vec3f, normal: vec3f) -> vec4f {
     var light = disc.flux / (PI * disc.radius * disc.radius * share.area);
     @if(negative_photons) {
         let surfaces = 1.0 + share.hidden / share.area;
-        for (var l = 0u; l < light_count(); l++) { light += surfaces * unshadowed(l, position, normal); }
+        let first = irradiance_pass.first_light;
+        if first > 0u { light = vec3f(0.0); }
+        let end = min(first + UNSHADOWED_LIGHTS, light_count());
+        for (var l = first; l < end; l++) { light += surfaces * unshadowed(l, position, normal); }
     }
     return vec4f(light, encode_disc(disc.radius, share.clear));
 }

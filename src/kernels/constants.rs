@@ -156,6 +156,7 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("TRIANGLE_ALPHA", scene_texels::TRIANGLE_ALPHA),
     ("FLUX_STEPS", numbers::FLUX_STEPS),
     ("MAX_FLUX", numbers::MAX_FLUX),
+    ("UNSHADOWED_LIGHTS", numbers::UNSHADOWED_LIGHTS),
     ("FLUX_STORED", numbers::FLUX_STORED),
     ("FLUX_OVERRUNS", numbers::FLUX_OVERRUNS),
     ("FLUX_TRACED", numbers::FLUX_TRACED),

@@ -231,6 +231,10 @@ pub const FLUX_STEPS: u32 = 31;
 /// Maximum flux of a photon in units; what a photon carries beyond it is lost, and counted.
 pub const MAX_FLUX: u32 = 512;
 
+/// Maximum number of lights whose unshadowed light a dispatch of pass `irradiance` adds: lavapipe ends all loops of an
+/// invocation after 65,535 iterations. Photons and probes take a quarter of these, and a light at most some twenty.
+pub const UNSHADOWED_LIGHTS: u32 = 2048;
+
 /// Index of the count of photons stored, the first of the counts of pass `flux`.
 pub const FLUX_STORED: u32 = 0;
 /// Index of the count of rays whose traversal gave up.

@@ -90,7 +90,7 @@ impl CausticMap {
         let sorted = map.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
         // Knaus and Zwicker 2011, equation 20: the square of the radius falls as the power -1/3 of the maps so far.
         let shrink = f64::from(number + 1).powf(-1.0 / 6.0);
-        let shown = ShownMap { map: &sorted, step: traced.step, shrink };
+        let shown = ShownMap { map: &sorted, step: traced.step, shrink, unshadowed: 0 };
         let show = map.irradiance.bind_caustics(gpu, tile, gpu_scene, &shown)?;
         Ok(CausticMap { number, show: Some(show) })
     }

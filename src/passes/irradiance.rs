@@ -9,7 +9,7 @@ use kernel_kit::{
 use super::grid::SortedPhotons;
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
-use crate::kernels::GridShape;
+use crate::kernels::{GridShape, UNSHADOWED_LIGHTS};
 use crate::specialisation::features::{Feature, Features};
 use crate::statistics::Counter;
 
@@ -20,7 +20,7 @@ shared_struct! {
         count: u32,
         step: f32,
         shrink: f32,
-        padding: u32,
+        first_light: u32,
     }
 }
 
@@ -122,8 +122,13 @@ impl Irradiance {
         let own =
             IrradianceBindings { irradiance_points: &points.sorted, irradiances: &irradiances, counters: &counters };
         let bound = self.kernel.bind(gpu, "irradiance", &[&own, map, scene])?;
-        let parameters =
-            IrradianceParameters { grid: map.shape, count: points.count, step: step as f32, shrink: 1.0, padding: 0 };
+        let parameters = IrradianceParameters {
+            grid: map.shape,
+            count: points.count,
+            step: step as f32,
+            shrink: 1.0,
+            first_light: 0,
+        };
         let mut frame = gpu.frame("irradiance");
         frame.run(&bound, points.count, &parameters);
         let bytes = points.bytes + irradiances.bytes;
@@ -148,6 +153,8 @@ pub struct ShownMap<'a> {
     pub step: f64,
     /// Factor on the radius of the disc that would hold [`IRRADIANCE_NEAREST`] photons.
     pub shrink: f64,
+    /// Lights whose unshadowed light is added.
+    pub unshadowed: u32,
 }
 
 /// Entry point `show` or `caustics`, bound to a tile.
@@ -156,6 +163,7 @@ pub struct BoundShow {
     shape: GridShape,
     step: f32,
     shrink: f32,
+    unshadowed: u32,
 }
 
 impl Irradiance {
@@ -197,7 +205,8 @@ impl Irradiance {
     ) -> Result<BoundShow> {
         let own = ShowBindings { radiance_indirect: tile.required_indirect("irradiance")?, counters: &tile.counters };
         let kernel = self.kernel.bind(gpu, entry, &[&own, tile, shown.map, scene])?;
-        Ok(BoundShow { kernel, shape: shown.map.shape, step: shown.step as f32, shrink: shown.shrink as f32 })
+        let ShownMap { map, step, shrink, unshadowed } = *shown;
+        Ok(BoundShow { kernel, shape: map.shape, step: step as f32, shrink: shrink as f32, unshadowed })
     }
 }
 
@@ -205,9 +214,11 @@ impl BoundShow {
     /// Estimates the light of the map at the tile's points.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
         let count = tile.point_count;
-        let Self { shape: grid, step, shrink, .. } = *self;
-        let parameters = IrradianceParameters { grid, count, step, shrink, padding: 0 };
-        frame.run(&self.kernel, count, &parameters);
+        let Self { shape: grid, step, shrink, unshadowed, .. } = *self;
+        for first_light in (0..unshadowed.max(1)).step_by(UNSHADOWED_LIGHTS as usize) {
+            let parameters = IrradianceParameters { grid, count, step, shrink, first_light };
+            frame.run(&self.kernel, count, &parameters);
+        }
     }
 }
 
