@@ -15,11 +15,12 @@ mod materials;
 mod mesh;
 mod noise;
 mod procedural;
+mod rooms;
 mod sky;
 mod still_life;
 
 /// File name and contents of each scene, and of the panorama.
-pub fn scenes() -> [(&'static str, Vec<u8>); 8] {
+pub fn scenes() -> [(&'static str, Vec<u8>); 10] {
     [
         ("sphere.glb", marble_sphere::glb()),
         ("box.glb", cornell_box::glb()),
@@ -28,6 +29,8 @@ pub fn scenes() -> [(&'static str, Vec<u8>); 8] {
         ("lamps.glb", lamps::glb()),
         ("crowd.glb", crowd::glb()),
         ("procedural.glb", procedural::glb()),
+        ("door.glb", rooms::door()),
+        ("uplight.glb", rooms::uplight()),
         ("sky.exr", sky::exr(sky::with_sun)),
     ]
 }

@@ -208,6 +208,42 @@ fn the_crowd_stands_on_its_plane() {
     assert!(scene.of("light").into_iter().all(|corners| normal(corners).distance(-DVec3::Y) < ROUNDING));
 }
 
+/// The segment between two points does not pass through a triangle.
+fn is_clear(triangles: &[Triangle], from: DVec3, to: DVec3) -> bool {
+    let way = to - from;
+    triangles.iter().all(|(_, corners)| {
+        let [a, b, c] = *corners;
+        let across = (b - a).cross(c - a);
+        let at = (a - from).dot(across) / way.dot(across);
+        let met = from + at * way;
+        let is_inside = [(a, b), (b, c), (c, a)].iter().all(|(p, q)| (*q - *p).cross(met - *p).dot(across) >= 0.0);
+        !(is_inside && (1e-6..1.0 - 1e-6).contains(&at))
+    })
+}
+
+/// Share of the floor of the room that sees the middle of its lamp.
+fn lit_share_of_floor(scene: &Contents) -> f64 {
+    let lamp = scene.of("lamp");
+    let middle = lamp.iter().copied().map(centroid).sum::<DVec3>() / lamp.len() as f64;
+    let others: Vec<Triangle> = scene.triangles.iter().filter(|(name, _)| name != "lamp").cloned().collect();
+    let places = (0..44).flat_map(|x| (0..48).map(move |z| (x, z)));
+    let places = places.map(|(x, z)| DVec3::new(0.1 * f64::from(x) - 2.15, 1e-3, 0.1 * f64::from(z) - 2.35));
+    let (mut lit, mut count) = (0.0, 0.0);
+    for place in places {
+        count += 1.0;
+        lit += f64::from(u8::from(is_clear(&others, place, middle)));
+    }
+    lit / count
+}
+
+/// The lamp behind the door lights a strip of the floor, that of the uplight none.
+#[test]
+fn two_rooms_are_lit_indirectly() {
+    let door = lit_share_of_floor(&read("door.glb"));
+    assert!(door > 0.005 && door < 0.15, "{door} of the floor sees the lamp behind the door");
+    assert_eq!(lit_share_of_floor(&read("uplight.glb")), 0.0);
+}
+
 /// The atrium with small textures: they alone depend on their size.
 #[test]
 fn the_atrium_has_the_counts_that_its_readme_states() {
