@@ -55,6 +55,15 @@ var<immediate> irradiance_pass: IrradianceParameters;
 // invocation.
 const MAX_VISITS = 16384u;
 
+// Maximum radius of the disc of an irradiance point, in cells. Where photons are sparse, as in a room that is lit through
+// a door ajar, discs of one cell hold few, and are valid for few of the gather rays that land there: the others go on as
+// paths, which are slower and vary more. A sixteenth of the mean density is as sparse as most such rooms.
+const MAX_REACH_WHERE_SPARSE = 4.0;
+
+// The same at the points of a tile: within one cell a disc holds no more photons than the 27 cells around it, so that no
+// dense spot exceeds MAX_VISITS, which would make the sample invalid.
+@if(photon_map || caustics) const MAX_REACH_OF_POINTS = 1.0;
+
 // The radius that marks an irradiance point without an estimate. No path ends there.
 const NO_ESTIMATE = 1e30;
 
@@ -70,7 +79,8 @@ fn irradiance(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
-    let found = irradiance_at(irradiance_points[i].position, photon_normal(irradiance_points[i].word));
+    let photon = irradiance_points[i];
+    let found = irradiance_at(photon.position, photon_normal(photon.word), MAX_REACH_WHERE_SPARSE);
     let finite = is_finite3(found.xyz);
     if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_IRRADIANCE], 1u); }
     irradiances[i] = select(vec4f(0.0, 0.0, 0.0, NO_ESTIMATE), found, finite);
@@ -96,7 +106,7 @@ fn show(
     if point.normal != INVALID_POINT {
         let surface = load_surface(i);
         let query = photon_query(surface, point);
-        radiance = surface.packed.base.xyz * irradiance_at(query.position, query.normal).xyz / PI;
+        radiance = surface.packed.base.xyz * irradiance_at(query.position, query.normal, MAX_REACH_OF_POINTS).xyz / PI;
         @if(specular_chains) { radiance *= surface.chain.xyz; }
         radiance = checked(radiance, i);
     }
@@ -120,7 +130,7 @@ fn caustics(
     @if(specular_chains) { albedo *= surface.chain.xyz; }
     if point.normal == INVALID_POINT || !any(albedo > vec3f(0.0)) { return; }
     let query = photon_query(surface, point);
-    let disc = flux_about(query.position, query.normal);
+    let disc = flux_about(query.position, query.normal, MAX_REACH_OF_POINTS);
     if disc.radius <= 0.0 && !traversal_overrun { return; }
     let radiance = albedo * disc.flux / (PI * PI * disc.radius * disc.radius);
     radiance_indirect[i] += vec4f(checked(radiance, i), 0.0);
@@ -158,8 +168,8 @@ fn checked(radiance: vec3f, i: u32) -> vec3f {
 // light is added as unshadowed, and shadow photons subtract the excess. Shadow photons also lie on hidden surfaces
 // within the disc: just below the point, or behind a wall. So unshadowed light is added for the hidden surfaces too.
 // The mean then equals that of a map of positive photons alone, which has no photons there.
-fn irradiance_at(position: vec3f, normal: vec3f) -> vec4f {
-    let disc = flux_about(position, normal);
+fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32) -> vec4f {
+    let disc = flux_about(position, normal, max_reach);
     let share = covered(position, normal, disc.radius);
     // In a gap too narrow for every probe, the area is unknown.
     if disc.radius <= 0.0 || share.area == 0.0 { return vec4f(0.0, 0.0, 0.0, NO_ESTIMATE); }
@@ -201,11 +211,11 @@ struct Disc {
 
 // Sums the photons of the disc around a position. The radius is that of a disc that holds k photons at the mean density
 // of the 27 cells around it. Because it does not depend on which photons lie in the disc, it adds no bias for any k.
-fn flux_about(position: vec3f, normal: vec3f) -> Disc {
+// `max_reach` is in cells.
+fn flux_about(position: vec3f, normal: vec3f, max_reach: f32) -> Disc {
     let grid = irradiance_pass.grid;
     let at = (position - grid.origin) * grid.inverse_cell;
-    // At most the side of a cell: a larger disc would reach beyond the 27 cells.
-    let reach = min(reach_guess(grid, 0u, cell_of(grid, position), irradiance_pass.shrink), 1.0);
+    let reach = min(reach_guess(grid, 0u, cell_of(grid, position), irradiance_pass.shrink), max_reach);
     let radius = reach * grid.cell;
     let limit = radius * radius;
     var sum = vec3i(0);
