@@ -105,3 +105,26 @@ fn a_trial_is_continued() {
         assert!(resumed.image().unwrap().channels == whole.image().unwrap().channels, "after {samples} samples");
     }
 }
+
+/// A view that follows a glance has photons on trial as a new renderer has, and so has the next, whether the trial kept
+/// them or not.
+#[test]
+fn each_view_has_a_trial_of_its_own() {
+    for slat_number in [1, 24] {
+        let settings = settings(Technique::SHADOW_PHOTONS);
+        let mut new = renderer(slat_number, &settings);
+        let mut looking = Renderer::with_glance(gpu(), slats(slat_number), &view(), &settings, [16, 16]).unwrap();
+        assert!(has_photons(&new) && !has_photons(&looking), "a glance has photons");
+        looking.render_up_to(1).unwrap();
+        render_to(&mut new, 8);
+        for _ in 0..2 {
+            looking.look(&view(), [128, 128]).unwrap();
+            assert!(has_photons(&looking));
+            render_to(&mut looking, 8);
+            assert_eq!(has_photons(&looking), slat_number == 1);
+            assert!(looking.image().unwrap().channels == new.image().unwrap().channels, "{slat_number} slats");
+            looking.glance(&view(), [16, 16]).unwrap();
+            looking.render_up_to(1).unwrap();
+        }
+    }
+}
