@@ -441,7 +441,7 @@ fn a_lost_device_is_replaced() {
     let worker = Worker::start(gpu.clone(), state(BOX.as_ref(), settings()), open, tell);
     let complete = |replaced: &mut bool| loop {
         match heard.recv_timeout(Duration::from_secs(60)).unwrap() {
-            Event::Picture => {}
+            Event::Picture | Event::Compiling(_) => {}
             Event::Device(_) => *replaced = true,
             Event::Failed(problem) => panic!("{problem}"),
         }
