@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 use penumbra::internal::scene::{Camera, Material, Scene};
-use penumbra::{Aov, Renderer, Settings, Technique};
+use penumbra::{Aov, ImportOptions, Renderer, Settings, Technique};
 
 use crate::meshes::{camera, scene, square, surface};
-use crate::setup::{deviation, gpu, mean_and_error};
+use crate::setup::{deviation, gpu, mean_and_error, scene_file};
 
 /// A floor under a wide lamp, of which slats hide a part. With many slats every point is in their penumbrae.
 fn slats(number: u32) -> Scene {
@@ -127,4 +127,23 @@ fn each_view_has_a_trial_of_its_own() {
             looking.render_up_to(1).unwrap();
         }
     }
+}
+
+/// Several lights, textures, glossy surfaces and caustics: the kernels and maps that a glance leaves for the view after
+/// it give the bits of a new renderer, though photons of visibility, with tags of their lights, are only in the view.
+#[test]
+fn a_view_after_a_glance_has_the_bits_of_a_new_renderer() {
+    let scene = Scene::load(scene_file("still_life.glb"), &ImportOptions::default()).unwrap();
+    let camera = scene.cameras[0].clone();
+    // So many samples that photons pay in a small image; four are compared.
+    let settings = Settings::builder().size(32, 24).spp(16_384).build().unwrap();
+    let mut new = Renderer::new(gpu(), scene.clone(), &camera, &settings).unwrap();
+    let mut looking = Renderer::with_glance(gpu(), scene, &camera, &settings, [8, 6]).unwrap();
+    looking.render_up_to(1).unwrap();
+    looking.look(&camera, [32, 24]).unwrap();
+    for renderer in [&mut new, &mut looking] {
+        assert!(has_photons(renderer), "photons do not pay");
+        render_to(renderer, 4);
+    }
+    assert!(looking.image().unwrap().channels == new.image().unwrap().channels);
 }
