@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use kernel_kit::Gpu;
+use kernel_kit::{Compilation, Gpu};
 use penumbra::{Progress, Settings};
 
 use super::say;
@@ -94,10 +94,11 @@ impl Drop for Target {
 /// Shows from now on how many kernels the driver has compiled, where it has not compiled them before.
 pub fn show_compilation(gpu: &Gpu, quiet: bool) {
     let shown: Mutex<Option<(Instant, Target)>> = Mutex::default();
-    gpu.watch_compilation(move |done, all| {
+    gpu.watch_compilation(move |compilation| {
         let mut shown = shown.lock().unwrap_or_else(|e| e.into_inner());
         let (started, target) = shown.get_or_insert_with(|| (Instant::now(), Target::new(quiet)));
-        target.show(started.elapsed(), done as f64 / all as f64, || format!("compiling {done} of {all} kernels"));
+        let Compilation { done, all } = compilation;
+        target.show(started.elapsed(), done as f64 / all as f64, || compilation.to_string());
         if done == all {
             *shown = None;
         }

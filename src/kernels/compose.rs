@@ -1,13 +1,14 @@
 //! Composing the kernels from the files below `shaders/`.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 
-use kernel_kit::{Composed, Composer, embed};
+use kernel_kit::{Composed, Composer, Feature as _, embed};
 
 use super::constants;
 use super::each::expand_each;
 use crate::Result;
-use crate::specialisation::features::Features;
+use crate::specialisation::features::{Feature, Features};
 
 /// Every file below `shaders/` by its path there, with all lobes in place of `@each`, and the generated module
 /// `lib/constants`.
@@ -18,6 +19,42 @@ static COMPOSER: LazyLock<Composer> = LazyLock::new(|| {
     let composer = expanded.into_iter().fold(written, |composer, (path, text)| composer.with_module(path, text));
     composer.with_module("lib/constants", constants::module())
 });
+
+/// The features on which each kernel may depend: those that it, or a module that it imports, names.
+static NAMED: LazyLock<BTreeMap<&str, BTreeSet<Feature>>> = LazyLock::new(|| {
+    let composer = composer(&Features::default());
+    let modules: BTreeMap<&str, &str> = composer.modules().collect();
+    kernel_stems().into_iter().map(|stem| (stem, named_from(stem, &modules))).collect()
+});
+
+/// The features that a kernel and the modules that it imports name. They may be too many: names in comments count, and
+/// if an import names no module, all features do.
+fn named_from(kernel: &str, modules: &BTreeMap<&str, &str>) -> BTreeSet<Feature> {
+    let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let (mut waiting, mut seen, mut named) = (vec![kernel.to_owned()], BTreeSet::new(), BTreeSet::new());
+    while let Some(path) = waiting.pop() {
+        let Some(text) = modules.get(path.as_str()) else { return Feature::ALL.iter().copied().collect() };
+        if !seen.insert(path) {
+            continue;
+        }
+        let words: BTreeSet<&str> = text.split(|c| !is_name(c)).collect();
+        named.extend(Feature::ALL.iter().filter(|feature| words.contains(feature.name())));
+        for import in text.split("package::").skip(1) {
+            let end = import.find(|c| !is_name(c) && c != ':').unwrap_or(import.len());
+            let names: Vec<&str> = import[..end].split("::").collect();
+            // The last names are those of items in the module.
+            let paths = (1..=names.len()).rev().map(|length| names[..length].join("/"));
+            let module = paths.into_iter().find(|path| modules.contains_key(path.as_str()));
+            waiting.push(module.unwrap_or_else(|| names.join("/")));
+        }
+    }
+    named
+}
+
+/// Whether `shaders/<kernel>.wgsl` may depend on the feature. If not, it is the same with and without it.
+pub fn depends_on(kernel: &str, feature: Feature) -> bool {
+    NAMED.get(kernel).is_none_or(|named| named.contains(&feature))
+}
 
 /// The composer with the functions of procedural objects.
 fn composer(features: &Features) -> Composer {
@@ -43,4 +80,31 @@ pub fn compose_source(kernel: &str, source: &str, features: &Features) -> Result
 /// The stems of all kernels, sorted.
 pub fn kernel_stems() -> Vec<&'static str> {
     COMPOSER.modules().map(|(path, _)| path).filter(|path| !path.contains('/') && *path != "kit").collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A kernel that is kept for renders with other features is theirs.
+    #[test]
+    fn features_on_which_a_kernel_does_not_depend_leave_it() {
+        let mut composed = 0;
+        for kernel in kernel_stems() {
+            let depends = |feature: &&Feature| depends_on(kernel, **feature);
+            let (named, others): (Vec<_>, Vec<_>) = Feature::ALL.iter().partition(depends);
+            let with = |features: Features, more: &[&Feature]| more.iter().fold(features, |all, f| all.with(**f, true));
+            let text = |features| compose(kernel, &features).map(|composed| composed.wgsl).map_err(|e| e.to_string());
+            for start in [Features::default(), with(Features::default(), &named)] {
+                let plain = text(start.clone());
+                composed += usize::from(plain.is_ok());
+                assert!(plain == text(with(start, &others)), "{kernel}");
+            }
+        }
+        // Some kernels do not compose without a feature, or with two that exclude each other.
+        assert!(composed > kernel_stems().len(), "{composed}");
+        assert!(!depends_on("primary", Feature::Audit) && depends_on("shade", Feature::Audit));
+        // By an import of an import.
+        assert!(depends_on("path", Feature::LayeredTexels));
+    }
 }

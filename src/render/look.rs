@@ -1,6 +1,7 @@
 //! Other views of a scene that is being rendered: cameras that move, images of another size.
 
 use std::mem;
+use std::time::Instant;
 
 use super::blocks::Blocks;
 use super::renderer::{Kernels, PreparedView, Renderer, ViewOf};
@@ -8,14 +9,14 @@ use crate::light_transport::first_pass::MadeMaps;
 use crate::light_transport::indirect_light::{IndirectLight, MadeIndirect};
 use crate::light_transport::lighting::Lighting;
 use crate::scene::Camera;
+use crate::specialisation::Specialisation;
 use crate::{Error, Result};
 
 impl Renderer<'_> {
     /// Begins an image of the same scene through another camera, of `width` x `height` pixels. The hierarchy, the
     /// scene on the device and the photons stay, which takes a small part of the time of [`Renderer::new`] where the
-    /// device keeps its kernels ([`keep_kernels`](kernel_kit::Gpu::keep_kernels)). For the size of the settings that
-    /// the renderer was made with, the image has the bits of a new renderer's, if that has visibility photons too or
-    /// neither has. For another size their number stays, where a new renderer may choose another.
+    /// device keeps its kernels ([`keep_kernels`](kernel_kit::Gpu::keep_kernels)). The image has the bits of a new
+    /// renderer's of that size: photons of visibility are made where such a renderer would make them.
     ///
     /// # Errors
     /// [`Error::Setting`] for a size out of range, [`Error::Usage`] for a lens where the first camera had none or the
@@ -27,7 +28,7 @@ impl Renderer<'_> {
 
     /// As [`Renderer::look`], for an image that is seen for a moment while the camera moves: irradiance records of
     /// glances before light it too, so that few are made. They depend on no camera, but where they lie is up to the
-    /// way of the camera, and so are the bits.
+    /// way of the camera, and so are the bits. Photons of visibility are those that there are already, if any.
     ///
     /// # Errors
     /// As [`Renderer::look`].
@@ -40,19 +41,26 @@ impl Renderer<'_> {
             let problem = "a renderer stays with a pinhole or with a lens: another camera needs another renderer";
             return Err(Error::Usage(problem.into()));
         }
+        let photons = self.lighting.visibility_map.is_some().then(|| self.settings.photons_per_light());
         let settings = self.settings.clone().with(|s| {
-            if self.lighting.visibility_map.is_some() {
-                s.visibility_map.photons_per_light = Some(self.settings.photons_per_light());
-            }
+            s.visibility_map.photons_per_light = self.requested_photons.or(photons.filter(|_| is_glance));
             (s.image.width, s.image.height) = (width, height);
         });
         settings.check()?;
+        if !is_glance {
+            let anew = Specialisation::new(&self.scene, Some(camera), &settings);
+            self.specialisation = anew.with_deferred_of(&self.specialisation);
+        }
         let (gpu, gpu_scene, specialisation) = (self.gpu, &self.gpu_scene, &self.specialisation);
         gpu_scene.set_camera(gpu, camera, [width, height]);
+        let start = Instant::now();
         let kernels = Kernels::new(gpu, specialisation, &gpu_scene.constants(), &settings)?;
+        gpu.compile_ahead(gpu_scene)?;
+        let time_compile = start.elapsed().as_secs_f64();
         // What the last view alone needs is released first.
         let Lighting { visibility_map, indirect, .. } = mem::take(&mut self.lighting);
         self.tiles.clear();
+        let visibility_map = visibility_map.filter(|_| photons == Some(settings.photons_per_light()));
         // Other stages have other photons.
         let MadeIndirect { map, records } = indirect.map(IndirectLight::into_made).unwrap_or_default();
         let map = map.filter(|_| self.stage == self.first_stage()).or(self.first_map.take());
@@ -62,6 +70,10 @@ impl Renderer<'_> {
         let records = if is_glance { self.kept_records.take() } else { None };
         let made = MadeMaps { visibility_map, indirect: MadeIndirect { map, records } };
         let mut totals = self.totals.of_another_view();
+        totals.time_compile += time_compile;
+        if made.visibility_map.is_none() {
+            (totals.photons, totals.photon_bytes) = (Vec::new(), 0);
+        }
         let features = &specialisation.features;
         let view = ViewOf { gpu, scene: &self.scene, gpu_scene, features, camera, settings: &settings };
         let PreparedView { primary, lighting, indirect_kernels, buffers, tiles, tile_size, stage } =
@@ -71,7 +83,7 @@ impl Renderer<'_> {
         (self.buffers, self.tiles, self.tile_size) = (buffers, tiles, tile_size);
         (self.camera, self.settings, self.totals) = (camera.clone(), settings, totals);
         (self.stage, self.samples, self.batches, self.shade_at_once) = (stage, 0, 0, false);
-        self.seconds_per_sample = None;
+        (self.seconds_per_sample, self.has_left_out_photons) = (None, false);
         self.has_other_views = true;
         Ok(())
     }

@@ -36,7 +36,10 @@ pub struct Renderer<'g> {
     pub(super) gpu: &'g Gpu,
     pub(super) scene: Scene,
     pub(super) camera: Camera,
+    /// Of the view; [`Renderer::settings`] but for its size and, in a glance, its photons.
     pub(super) settings: Settings,
+    /// As they were given; none for the number that the image's size asks for.
+    pub(super) requested_photons: Option<u32>,
     pub(super) specialisation: Specialisation,
     pub(super) notes: Vec<String>,
     pub(super) gpu_scene: GpuScene,
@@ -92,7 +95,8 @@ impl<'g> Renderer<'g> {
     }
 
     /// As [`Renderer::new`], with features switched on or off whatever the scene needs, to see what each costs.
-    /// Kernels, buffers and tables follow the switches, until a trial of photons ends without them: request photons.
+    /// Kernels, buffers and tables follow the switches, until a trial of photons ends without them (request photons),
+    /// or until it [looks](Renderer::look) a second time.
     ///
     /// # Errors
     /// Those of [`Renderer::new`], and [`crate::Error::Kernel`] for a feature that lacks what only a scene that needs
@@ -100,9 +104,40 @@ impl<'g> Renderer<'g> {
     #[doc(hidden)]
     pub fn with_features(
         gpu: &'g Gpu,
+        scene: Scene,
+        camera: &Camera,
+        settings: &Settings,
+        forced: &[(Feature, bool)],
+    ) -> Result<Renderer<'g>> {
+        Renderer::specialised(gpu, scene, camera, settings, settings.image.spp, forced)
+    }
+
+    /// As [`Renderer::new`], but begins with a glance of `size`: see [`Renderer::glance`]. It has visibility photons
+    /// only if they are requested or shown, since a single sample traces few shadow rays. [`Renderer::look`] begins the
+    /// image.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::new`].
+    pub fn with_glance(
+        gpu: &'g Gpu,
+        scene: Scene,
+        camera: &Camera,
+        settings: &Settings,
+        [width, height]: [u32; 2],
+    ) -> Result<Renderer<'g>> {
+        let settings = settings.clone().with(|s| (s.image.width, s.image.height) = (width, height));
+        let mut renderer = Renderer::specialised(gpu, scene, camera, &settings, 1, &[])?;
+        (renderer.is_glance, renderer.has_other_views) = (true, true);
+        Ok(renderer)
+    }
+
+    /// What both prepare, with the kernels of a render of `spp` samples per pixel.
+    fn specialised(
+        gpu: &'g Gpu,
         mut scene: Scene,
         camera: &Camera,
         settings: &Settings,
+        spp: u32,
         forced: &[(Feature, bool)],
     ) -> Result<Renderer<'g>> {
         settings.check()?;
@@ -113,7 +148,8 @@ impl<'g> Renderer<'g> {
             scene.expand_instances(settings.technique.name())?;
         }
         let bvh = build_hierarchy(&mut scene, &mut totals)?;
-        let mut specialisation = Specialisation::new(&scene, Some(camera), settings);
+        let of_spp = settings.clone().with(|s| s.image.spp = spp);
+        let mut specialisation = Specialisation::new(&scene, Some(camera), &of_spp);
         specialisation.of_device(gpu, &scene, &bvh);
         specialisation.of_largest_table(gpu, GpuScene::largest_table(&scene, &bvh, &specialisation.features));
         // Before tables are made, and again after the lights have decided on features of their own.
@@ -143,6 +179,7 @@ impl<'g> Renderer<'g> {
             scene,
             camera: camera.clone(),
             settings: settings.clone(),
+            requested_photons: settings.visibility_map.photons_per_light,
             specialisation,
             gpu_scene,
             primary,

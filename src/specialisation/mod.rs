@@ -25,8 +25,6 @@ pub(crate) use lights::LightFacts;
 pub(crate) use lobes::surface_vectors;
 pub(crate) use surfaces::FOCUSING_ALPHA;
 use surfaces::Facts;
-#[cfg(feature = "view")]
-pub(crate) use visibility::photons_pay;
 
 /// Maximum number of triangles with alpha tests for packets. A packet takes more iterations at each than a single ray:
 /// 10,000 panes of two triangles, one behind the other, exceed the loop budget of packets, but not that of single rays.

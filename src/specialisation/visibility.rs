@@ -22,7 +22,7 @@ const SHADOW_RAYS_OF_MAP: f64 = 2_097_152.0;
 const SHADOW_RAYS_OF_MAP_UNDER_SKY: f64 = 2.0 * SHADOW_RAYS_OF_MAP;
 
 /// Whether photons and cells save more time than they take, or are requested.
-pub(crate) fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
+fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
     if settings.visibility_map.photons_per_light.is_some() || settings.shows_photons() {
         return true;
     }

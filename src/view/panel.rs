@@ -8,6 +8,7 @@ use egui::{
     CentralPanel, Color32, ColorImage, ComboBox, Frame, Image, Key, Modifiers, Panel as SidePanel, PointerButton, Pos2,
     Rect, Response, ScrollArea, Sense, Slider, TextureHandle, TextureOptions, Ui, Vec2,
 };
+use kernel_kit::Compilation;
 
 use super::overlay::Overlay;
 use super::session::{Choices, Command, Picked, Snapshot, Viewpoint};
@@ -84,6 +85,8 @@ pub struct Panel {
     resized: Option<[u32; 2]>,
     /// The last command that was copied.
     copied: Option<String>,
+    /// How far the driver is with kernels; none once it has them.
+    compilation: Option<Compilation>,
 }
 
 impl Panel {
@@ -100,6 +103,7 @@ impl Panel {
             shown: None,
             resized: None,
             copied: None,
+            compilation: None,
         }
     }
 
@@ -108,9 +112,20 @@ impl Panel {
         self.copied = Some(command);
     }
 
+    /// Shows how far the driver is with kernels, until it has them.
+    pub fn compiling(&mut self, compilation: Compilation) {
+        self.compilation = Some(compilation).filter(|Compilation { done, all }| done < all);
+    }
+
     /// Forgets what the last device held.
     pub fn forget_device(&mut self) {
-        (self.texture, self.shown) = (None, None);
+        (self.texture, self.shown, self.compilation) = (None, None, None);
+    }
+
+    /// Lays out the window before the first picture.
+    pub fn wait(&self, ui: &mut Ui) {
+        let text = self.compilation.map_or("preparing the scene".to_owned(), |compilation| compilation.to_string());
+        ui.centered_and_justified(|ui| ui.label(text));
     }
 
     /// Lays out the window.
@@ -204,6 +219,9 @@ impl Panel {
 
     fn controls(&mut self, ui: &mut Ui, snapshot: &Snapshot, requests: &mut Vec<Request>) {
         status(ui, snapshot);
+        if let Some(compilation) = self.compilation {
+            ui.label(compilation.to_string());
+        }
         ui.separator();
         self.camera(ui, snapshot, requests);
         ui.separator();

@@ -17,14 +17,17 @@ use crate::render::film::write_atomically;
 use crate::render::photons::{NearestPhotons, SurfacePoint, VisibilityPhoton};
 use crate::scene::{AddedCamera, Camera, Extent, Framing, LookAt, Projection, Scene, with_camera};
 use crate::settings::{Aov, Denoise, Settings};
-use crate::specialisation::photons_pay;
-use crate::{Denoiser, Error, Image, Renderer, Result};
+use crate::{Denoiser, Error, Image, Renderer, Result, Statistics};
 
 /// Time without a movement after which the picture is rendered at its full size.
 const SETTLED: Duration = Duration::from_millis(250);
 
 /// The time of a picture while the camera moves: twelve pictures a second.
 const MOVING_PICTURE: Duration = Duration::from_millis(80);
+
+/// By which the sides of the first picture are divided: 640 x 360 pixels become 160 x 90, where the time to make ready
+/// exceeds that of the sample (docs/view.md), and the scene can still be recognised.
+const FIRST_DIVISOR: u32 = 4;
 
 /// Largest factor by which the sides of the picture are divided while the camera moves.
 const MAX_DIVISOR: u32 = 8;
@@ -309,9 +312,9 @@ impl State {
         [self.choices.settings.image.width, self.choices.settings.image.height]
     }
 
-    /// The size of a picture while the camera moves.
-    fn divided_size(&self) -> [u32; 2] {
-        self.full_size().map(|side| (side / self.divisor).max(1))
+    /// The size of a picture whose sides are divided.
+    fn divided_size(&self, divisor: u32) -> [u32; 2] {
+        self.full_size().map(|side| (side / divisor).max(1))
     }
 
     fn camera(&self, scene: &Scene) -> Result<Camera> {
@@ -540,8 +543,6 @@ struct Subject {
     origin: Origin,
     settings: Settings,
     has_lens: bool,
-    /// Whether a render of this view makes photons of visibility.
-    has_photons: bool,
 }
 
 impl Subject {
@@ -561,6 +562,8 @@ struct Render<'g> {
     size: [u32; 2],
     /// It is seen for a moment only.
     is_glance: bool,
+    /// It is the first picture.
+    is_first: bool,
     photons: Option<Vec<VisibilityPhoton>>,
 }
 
@@ -602,6 +605,14 @@ impl<'g> Session<'g> {
     /// What is shown.
     pub fn snapshot(&self) -> Snapshot {
         self.state.snapshot()
+    }
+
+    /// Statistics of the picture; none before there is one.
+    ///
+    /// # Errors
+    /// As [`Renderer::statistics`].
+    pub fn statistics(&self) -> Result<Option<Statistics>> {
+        self.render.as_ref().map(|render| render.renderer.statistics()).transpose()
     }
 
     /// Obeys a command. What cannot be done leaves a message.
@@ -678,20 +689,14 @@ impl<'g> Session<'g> {
         let eye = self.state.eye.clone();
         let camera = self.state.camera(&scene)?;
         let settings = self.settings();
-        let known = self.render.as_ref().filter(|render| {
-            render.eye == eye && render.subject.settings == settings && render.subject.origin == origin
-        });
-        // It looks at every triangle.
-        let has_photons =
-            known.map_or_else(|| photons_pay(&scene, Some(&camera), &settings), |render| render.subject.has_photons);
-        let subject = Subject { origin, settings, has_lens: camera.lens.is_some(), has_photons };
+        let subject = Subject { origin, settings, has_lens: camera.lens.is_some() };
         if self.failed.as_ref().is_some_and(|failed| *failed == (subject.clone(), eye.clone())) {
             return Ok(false);
         }
         let outcome = match &mut self.render {
             Some(render) if render.subject == subject => {
                 let full = self.state.full_size();
-                let size = if is_moving { self.state.divided_size() } else { full };
+                let size = if is_moving { self.state.divided_size(self.state.divisor) } else { full };
                 let is_there = render.size == size || (is_moving && render.size == full);
                 let keeps = render.eye == eye && is_there && (is_moving || !render.is_glance);
                 if keeps { Ok(()) } else { render.look(&eye, camera, size, is_moving) }
@@ -728,15 +733,12 @@ impl<'g> Session<'g> {
         self.render = None;
         // Another render may have other photons.
         self.state.picked.iter_mut().for_each(|picked| picked.nearest = None);
-        // A small picture comes first, with the photons of the full size.
-        let size = self.state.divided_size();
-        let settings = subject.settings.clone().with(|s| {
-            s.visibility_map.photons_per_light = subject.has_photons.then_some(subject.settings.photons_per_light());
-            [s.image.width, s.image.height] = size;
-        });
-        let renderer = Renderer::new(self.gpu, scene.clone(), &camera, &settings)?;
+        // A small picture comes first, as while the camera moves; photons of visibility only after it.
+        let size = self.state.divided_size(FIRST_DIVISOR);
+        let renderer = Renderer::with_glance(self.gpu, scene.clone(), &camera, &subject.settings, size)?;
         self.state.message = None;
-        self.render = Some(Render { renderer, subject, eye, camera, size, is_glance: false, photons: None });
+        let (is_glance, is_first) = (true, true);
+        self.render = Some(Render { renderer, subject, eye, camera, size, is_glance, is_first, photons: None });
         Ok(())
     }
 
@@ -753,7 +755,7 @@ impl<'g> Session<'g> {
         } else {
             renderer.render_batch()?
         };
-        self.state.is_complete = !renderer.wants_samples(&self.denoiser)?;
+        self.state.is_complete = !render.is_glance && !renderer.wants_samples(&self.denoiser)?;
         self.state.samples = renderer.samples();
         let is_denoised = self.state.choices.display.denoised && self.denoiser.choice() != Denoise::None;
         // Denoising takes as long as some samples.
@@ -761,7 +763,10 @@ impl<'g> Session<'g> {
             return Ok(true);
         }
         let mut image = renderer.image()?;
-        renderer.add_denoised(&mut image, &self.denoiser)?;
+        // Denoisers take long to begin, and the first picture is not to wait for them.
+        if !render.is_first {
+            renderer.add_denoised(&mut image, &self.denoiser)?;
+        }
         self.state.image = Some(image);
         Ok(true)
     }
@@ -803,8 +808,11 @@ impl Render<'_> {
             self.renderer.glance(&camera, size)?;
         } else {
             self.renderer.look(&camera, size)?;
+            // It may have made others.
+            self.photons = None;
         }
-        (self.eye, self.camera, self.size, self.is_glance) = (eye.clone(), camera, size, is_glance);
+        (self.eye, self.camera, self.size) = (eye.clone(), camera, size);
+        (self.is_glance, self.is_first) = (is_glance, false);
         Ok(())
     }
 

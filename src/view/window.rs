@@ -184,6 +184,7 @@ impl View {
                 self.window.set_title(&format!("{name} - Penumbra"));
                 self.snapshot = Some(snapshot);
             }
+            Event::Compiling(compilation) => self.panel.compiling(compilation),
             Event::Device(gpu) => {
                 self.surface.set_device(gpu)?;
                 // The context uploads its fonts again.
@@ -223,7 +224,7 @@ impl View {
         let (panel, snapshot) = (&mut self.panel, &self.snapshot);
         let output = self.context.run_ui(input, |ui| match snapshot {
             Some(snapshot) => requests.extend(panel.show(ui, snapshot)),
-            None => _ = ui.centered_and_justified(|ui| ui.label("preparing the scene")),
+            None => panel.wait(ui),
         });
         self.egui.handle_platform_output(&self.window, output.platform_output);
         let delay = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();

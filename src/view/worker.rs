@@ -4,7 +4,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel}
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
-use kernel_kit::Gpu;
+use kernel_kit::{Compilation, Gpu};
 
 use super::session::{Command, Session, Snapshot, State};
 use super::watch::{INTERVAL, Watch};
@@ -17,6 +17,8 @@ const MAX_LOSSES: u32 = 3;
 pub enum Event {
     /// There is a new picture.
     Picture,
+    /// The driver compiles kernels that it has not compiled before.
+    Compiling(Compilation),
     /// The device was lost, and this one takes its place.
     Device(Arc<Gpu>),
     /// There is no other device.
@@ -33,7 +35,8 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Starts the session. `open` opens another device if the first is lost; `tell` runs in the worker's thread.
+    /// Starts the session. `open` opens another device if the first is lost; `tell` runs in the worker's thread
+    /// and in those that compile.
     pub fn start(
         gpu: Arc<Gpu>,
         state: State,
@@ -43,6 +46,9 @@ impl Worker {
         let (commands, receiver) = channel();
         let latest = Latest::default();
         let pictures = latest.clone();
+        // The threads that compile tell nothing at the same time.
+        let tell = Arc::new(Mutex::new(tell));
+        let tell = move |event| tell.lock().unwrap_or_else(PoisonError::into_inner)(event);
         let work = move || run(gpu, state, &receiver, open, &tell, &pictures);
         Worker { commands: Some(commands), latest, thread: Some(thread::spawn(work)) }
     }
@@ -78,11 +84,13 @@ fn run(
     mut state: State,
     commands: &Receiver<Command>,
     open: impl Fn() -> Result<Arc<Gpu>>,
-    tell: &impl Fn(Event),
+    tell: &(impl Fn(Event) + Clone + Send + Sync + 'static),
     latest: &Latest,
 ) {
     let mut losses = 0;
     loop {
+        let watch = tell.clone();
+        gpu.watch_compilation(move |compilation| watch(Event::Compiling(compilation)));
         let mut session = Session::new(&gpu, state);
         let mut pictures = 0;
         let end = serve(&mut session, commands, |snapshot| {

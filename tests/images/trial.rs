@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 use penumbra::internal::scene::{Camera, Material, Scene};
-use penumbra::{Aov, Renderer, Settings, Technique};
+use penumbra::{Aov, ImportOptions, Renderer, Settings, Technique};
 
 use crate::meshes::{camera, scene, square, surface};
-use crate::setup::{deviation, gpu, mean_and_error};
+use crate::setup::{deviation, gpu, mean_and_error, scene_file};
 
 /// A floor under a wide lamp, of which slats hide a part. With many slats every point is in their penumbrae.
 fn slats(number: u32) -> Scene {
@@ -104,4 +104,46 @@ fn a_trial_is_continued() {
         render_to(&mut resumed, 40);
         assert!(resumed.image().unwrap().channels == whole.image().unwrap().channels, "after {samples} samples");
     }
+}
+
+/// A view that follows a glance has photons on trial as a new renderer has, and so has the next, whether the trial kept
+/// them or not.
+#[test]
+fn each_view_has_a_trial_of_its_own() {
+    for slat_number in [1, 24] {
+        let settings = settings(Technique::SHADOW_PHOTONS);
+        let mut new = renderer(slat_number, &settings);
+        let mut looking = Renderer::with_glance(gpu(), slats(slat_number), &view(), &settings, [16, 16]).unwrap();
+        assert!(has_photons(&new) && !has_photons(&looking), "a glance has photons");
+        looking.render_up_to(1).unwrap();
+        render_to(&mut new, 8);
+        for _ in 0..2 {
+            looking.look(&view(), [128, 128]).unwrap();
+            assert!(has_photons(&looking));
+            render_to(&mut looking, 8);
+            assert_eq!(has_photons(&looking), slat_number == 1);
+            assert!(looking.image().unwrap().channels == new.image().unwrap().channels, "{slat_number} slats");
+            looking.glance(&view(), [16, 16]).unwrap();
+            looking.render_up_to(1).unwrap();
+        }
+    }
+}
+
+/// Several lights, textures, glossy surfaces and caustics: the kernels and maps that a glance leaves for the view after
+/// it give the bits of a new renderer, though photons of visibility, with tags of their lights, are only in the view.
+#[test]
+fn a_view_after_a_glance_has_the_bits_of_a_new_renderer() {
+    let scene = Scene::load(scene_file("still_life.glb"), &ImportOptions::default()).unwrap();
+    let camera = scene.cameras[0].clone();
+    // So many samples that photons pay in a small image; four are compared.
+    let settings = Settings::builder().size(32, 24).spp(16_384).build().unwrap();
+    let mut new = Renderer::new(gpu(), scene.clone(), &camera, &settings).unwrap();
+    let mut looking = Renderer::with_glance(gpu(), scene, &camera, &settings, [8, 6]).unwrap();
+    looking.render_up_to(1).unwrap();
+    looking.look(&camera, [32, 24]).unwrap();
+    for renderer in [&mut new, &mut looking] {
+        assert!(has_photons(renderer), "photons do not pay");
+        render_to(renderer, 4);
+    }
+    assert!(looking.image().unwrap().channels == new.image().unwrap().channels);
 }

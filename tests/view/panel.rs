@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use egui::{Event, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, Vec2, accesskit};
+use kernel_kit::Compilation;
 use penumbra::internal::view::{Eye, Overlay, Panel, Picture, Request, Snapshot};
 
 use crate::setup::{choices, settings};
@@ -146,6 +147,30 @@ fn the_panel_has_its_labels() {
         assert!(texts.iter().any(|found| found == text), "{text:?} is not in {texts:#?}");
     }
     assert!(texts.iter().all(|found| found != "environment"), "without an environment");
+}
+
+/// Before the first picture and beside a picture, as the command line tells it.
+#[test]
+fn compilation_is_shown_until_it_is_done() {
+    let said = "compiling 4 of 27 kernels".to_owned();
+    let mut window = Window::new(snapshot());
+    assert!(!window.texts().contains(&said));
+    window.panel.compiling(Compilation { done: 4, all: 27 });
+    assert!(window.texts().contains(&said));
+    let waiting = |panel: &Panel| {
+        let mut output = window.context.run_ui(RawInput::default(), |ui| panel.wait(ui));
+        output.textures_delta.clear();
+        let nodes = output.platform_output.accesskit_update.unwrap().nodes;
+        nodes.iter().filter_map(|(_, node)| node.value().or(node.label()).map(str::to_owned)).collect::<Vec<_>>()
+    };
+    let mut panel = Panel::new(false);
+    assert!(waiting(&panel).contains(&"preparing the scene".to_owned()));
+    panel.compiling(Compilation { done: 4, all: 27 });
+    assert!(waiting(&panel).contains(&said));
+    panel.compiling(Compilation { done: 27, all: 27 });
+    assert!(waiting(&panel).contains(&"preparing the scene".to_owned()));
+    window.panel.compiling(Compilation { done: 27, all: 27 });
+    assert!(window.texts().iter().all(|text| !text.starts_with("compiling")));
 }
 
 #[test]

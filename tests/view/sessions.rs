@@ -64,6 +64,28 @@ fn a_picture_after_movements_has_the_bits_of_a_render() {
     }
 }
 
+/// The first picture is small, and neither photons of visibility nor denoisers delay it: they are for the next one.
+#[test]
+fn the_first_picture_comes_before_photons() {
+    // 64 x 48 pixels have so many shadow rays that photons pay, and so would a quarter of each side.
+    let settings = Settings::builder().size(64, 48).spp(16_384).build().unwrap();
+    let mut session = session(gpu(), BOX.as_ref(), settings.clone());
+    // As it is of a render.
+    let scene = Scene::load(BOX, &ImportOptions::default()).unwrap();
+    let new = Renderer::new(gpu(), scene.clone(), &scene.cameras[0], &settings).unwrap();
+    let emitted = |photons: &[penumbra::internal::statistics::LightPhotons]| photons.iter().map(|p| p.emitted).sum();
+    let photons = |session: &Session<'_>| emitted(&session.statistics().unwrap().unwrap().photons);
+    let of_render: u64 = emitted(&new.statistics().unwrap().photons);
+    let first = session.step().unwrap().0.unwrap();
+    assert_eq!((first.size, first.samples, first.is_complete), ([16, 12], 1, false));
+    assert!(first.pixels.iter().any(|x| *x > 0), "it is black");
+    assert_eq!(photons(&session), 0, "before the first picture");
+    let second = session.step().unwrap().0.unwrap();
+    assert_eq!((second.size, second.samples), ([64, 48], 1));
+    assert!(of_render > 0);
+    assert_eq!(photons(&session), of_render, "of the full size");
+}
+
 /// `Renderer::look` leaves nothing of the view before: not its samples, its audits, or its stage of indirect light.
 #[test]
 fn another_look_of_a_renderer_has_the_bits_of_a_new_one() {
@@ -419,7 +441,7 @@ fn a_lost_device_is_replaced() {
     let worker = Worker::start(gpu.clone(), state(BOX.as_ref(), settings()), open, tell);
     let complete = |replaced: &mut bool| loop {
         match heard.recv_timeout(Duration::from_secs(60)).unwrap() {
-            Event::Picture => {}
+            Event::Picture | Event::Compiling(_) => {}
             Event::Device(_) => *replaced = true,
             Event::Failed(problem) => panic!("{problem}"),
         }

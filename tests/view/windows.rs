@@ -1,5 +1,6 @@
 //! Real windows, with synthetic input, against images that `render` writes.
 
+use std::cell::RefCell;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -43,6 +44,32 @@ fn a_bad_scene_opens_no_window() {
         let status = command.env("DISPLAY", display.name()).args(arguments.split(' ')).output().unwrap().status;
         assert_eq!(status.code(), Some(code), "{arguments}");
     }
+}
+
+/// While the driver compiles kernels that it has never seen, the window tells how far it is, and so goes on.
+#[test]
+fn a_window_tells_of_compilation() {
+    // A cache of its own, and empty.
+    let cache = folder();
+    let display = Display::start();
+    let cold = [("MESA_SHADER_CACHE_DIR", cache.path())];
+    let mut program = display.run_with(&format!("view {BOX} {OPTIONS}"), &cold);
+    let text = |screen: &Screenshot| screen.part([SIZE[0], SIZE[1] / 2 - 10], [100, 20]);
+    // A room has no wall of a single colour.
+    let corner = |screen: &Screenshot, x| screen.part([x, 0], [20, 20]);
+    let seen: RefCell<Vec<Screenshot>> = RefCell::default();
+    program.wait("a picture", |screen| {
+        let is_there = corner(screen, 0) != corner(screen, 20);
+        if !is_there && !seen.borrow().contains(&text(screen)) {
+            seen.borrow_mut().push(text(screen));
+        }
+        is_there
+    });
+    // An empty screen, an empty window, the text before the first kernel, and numbers.
+    let seen = seen.into_inner();
+    assert!(seen.len() > 5, "{} different texts", seen.len());
+    display.focus();
+    assert_eq!(program.quit(), Some(0));
 }
 
 /// One session: the picture of `render`, movements, the copied command, overlays, a file that changes, sizes.

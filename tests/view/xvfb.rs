@@ -76,7 +76,13 @@ impl Display {
 
     /// Starts the program in it.
     pub fn run(&self, arguments: &str) -> Program<'_> {
+        self.run_with(arguments, &[])
+    }
+
+    /// Starts the program in it, with these environment variables.
+    pub fn run_with(&self, arguments: &str, variables: &[(&str, &Path)]) -> Program<'_> {
         let mut command = program();
+        command.envs(variables.iter().copied());
         command.env("DISPLAY", &self.name).args(arguments.split(' ')).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().unwrap();
         let stdout = BufReader::new(child.stdout.take().unwrap());

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use crate::adapter;
 use crate::binding::{Binding, Bindings};
 use crate::buffer::{MIN_BYTES, TABLE_WIDTH, table_rows};
-use crate::device::{Gpu, lock};
+use crate::device::{Compilation, Gpu, lock};
 use crate::error::Result;
 use crate::pipeline::{Entry, Undispatched, Variable};
 use crate::uniforms::{First, GROUP, Uniforms};
@@ -36,17 +36,18 @@ impl Gpu {
         let waiting = std::mem::take(&mut *self.undispatched());
         let mut stage = Stage { device: &self.device, queue: &self.queue, known, textures: Vec::new() };
         let mut translated = 0;
-        let watch = self.watch().unwrap_or_else(|| Arc::new(|_, _| ()));
+        let watch = self.watch().unwrap_or_else(|| Arc::new(|_| ()));
         for (i, kernel) in waiting.iter().enumerate() {
             let start = Instant::now();
             stage.dispatch(&kernel.entry)?;
             self.wait(&kernel.entry.interface.label())?;
             translated += usize::from(start.elapsed() > TRANSLATED);
             if (1..=SURE).contains(&translated) {
-                watch(i + 1, waiting.len());
+                watch(Compilation { done: i + 1, all: waiting.len() });
             }
             if translated == SURE {
-                self.fill_cache(&waiting[i + 1..], known, &|done| watch(i + 1 + done, waiting.len()));
+                let all = waiting.len();
+                self.fill_cache(&waiting[i + 1..], known, &|done| watch(Compilation { done: i + 1 + done, all }));
                 translated += 1;
             }
         }

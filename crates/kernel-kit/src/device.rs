@@ -1,5 +1,6 @@
 //! An open device.
 
+use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 use crate::adapted;
@@ -43,8 +44,23 @@ pub struct Gpu {
 /// Tables are buffers only where the device allows at least as many of a stage: a kernel's own, and a dozen tables.
 const TABLE_BUFFERS: u32 = 24;
 
-/// Hears how many kernels the driver has translated, and how many there are.
-pub(crate) type Watch = Arc<dyn Fn(usize, usize) + Send + Sync>;
+/// How many kernels the driver has translated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Compilation {
+    /// So many so far.
+    pub done: usize,
+    /// So many there are.
+    pub all: usize,
+}
+
+impl fmt::Display for Compilation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "compiling {} of {} kernels", self.done, self.all)
+    }
+}
+
+/// Hears how far the driver is.
+pub(crate) type Watch = Arc<dyn Fn(Compilation) + Send + Sync>;
 
 #[derive(Clone, Debug)]
 enum Fault {
@@ -166,9 +182,9 @@ impl Gpu {
         self.kept().get_or_insert_default();
     }
 
-    /// Has [`Gpu::compile_ahead`] tell `watch` from now on how many kernels the driver has translated and how many
-    /// there are, from any thread. It says nothing as long as the driver's cache on disk has all of them.
-    pub fn watch_compilation(&self, watch: impl Fn(usize, usize) + Send + Sync + 'static) {
+    /// Has [`Gpu::compile_ahead`] tell `watch` from now on how many kernels the driver has translated, from any thread.
+    /// It says nothing as long as the driver's cache on disk has all of them.
+    pub fn watch_compilation(&self, watch: impl Fn(Compilation) + Send + Sync + 'static) {
         *lock(&self.watch) = Some(Arc::new(watch));
     }
 

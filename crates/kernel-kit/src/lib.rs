@@ -32,7 +32,7 @@ pub use buffer::{
     Buffer, KernelTable, PART_ALIGNMENT, POISON, TABLE_LAYER_ROWS, TABLE_WIDTH, Table, TableFormat, whole_rows,
 };
 pub use compose::{Composed, Composer, MAX_GROUPS, Taken, constants_module};
-pub use device::Gpu;
+pub use device::{Compilation, Gpu};
 pub use error::{Error, Result};
 pub use feature::{Feature, Features, NoFeature};
 #[doc(hidden)]

@@ -70,7 +70,7 @@ fn compilation_is_watched(gpu: &Gpu) {
     let gpu = Gpu::open(&same_device()).unwrap();
     let heard = Arc::new(Mutex::new(Vec::new()));
     let listener = heard.clone();
-    gpu.watch_compilation(move |done, all| listener.lock().unwrap().push((done, all)));
+    gpu.watch_compilation(move |compilation| listener.lock().unwrap().push(compilation));
     // No run before had this constant.
     let salt = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().subsec_nanos();
     for i in 0..6u32 {
@@ -88,9 +88,9 @@ fn compilation_is_watched(gpu: &Gpu) {
     gpu.compile_ahead(&Resources::new()).unwrap();
     let mut heard = heard.lock().unwrap().clone();
     heard.sort_unstable();
-    assert!(heard.iter().all(|(_, all)| *all == 6), "{heard:?}");
-    assert_eq!(heard.last(), Some(&(6, 6)));
-    assert!(heard.windows(2).all(|pair| pair[1].0 == pair[0].0 + 1), "{heard:?}");
+    assert!(heard.iter().all(|compilation| compilation.all == 6), "{heard:?}");
+    assert_eq!(heard.last().unwrap().to_string(), "compiling 6 of 6 kernels");
+    assert!(heard.windows(2).all(|pair| pair[1].done == pair[0].done + 1), "{heard:?}");
 }
 
 /// With the least limits a device has no more than these, and says so.
