@@ -3,7 +3,7 @@
 use kernel_kit::Gpu;
 
 use crate::scene::{Camera, Scene};
-use crate::settings::{Aov, Settings, Technique};
+use crate::settings::{Aov, IrradianceCacheSettings, Settings, ShadowRaySettings, Technique, VisibilityMapSettings};
 use crate::specialisation::Specialisation;
 use crate::specialisation::features::Feature;
 
@@ -65,14 +65,16 @@ impl Choice {
     }
 }
 
-/// Whether paths can do all that the settings ask for.
+/// Whether paths can do all that the settings ask for: nothing is set that only photons, records or shadow rays follow.
 fn is_free(settings: &Settings) -> bool {
-    let Settings { visibility_map, indirect, image, .. } = settings;
-    let of_photons = visibility_map.photons_per_light.is_some()
-        || indirect.photons.is_some()
-        || indirect.irradiance_cache.gather_rays.is_some()
-        || image.aovs.contains(&Aov::Shadow);
-    !of_photons && settings.clone().with(|s| s.technique = Technique::PATH).check().is_ok()
+    let Settings { visibility_map, shadow_rays, indirect, image, .. } = settings;
+    let is_usual = *visibility_map == VisibilityMapSettings::default()
+        && *shadow_rays == ShadowRaySettings::default()
+        && indirect.irradiance_cache == IrradianceCacheSettings::default()
+        && indirect.photons.is_none();
+    is_usual
+        && !image.aovs.contains(&Aov::Shadow)
+        && settings.clone().with(|s| s.technique = Technique::PATH).check().is_ok()
 }
 
 /// Expected seconds until the first sample of the default technique is there.

@@ -141,6 +141,9 @@ fn the_technique_fits_the_time() {
             plain.clone().with(|s| s.visibility_map.photons_per_light = Some(4096)),
             plain.clone().with(|s| s.indirect.photons = Some(4096)),
             plain.clone().with(|s| s.indirect.irradiance_cache.gather_rays = Some(64)),
+            plain.clone().with(|s| s.indirect.irradiance_cache.accuracy = 0.1),
+            plain.clone().with(|s| s.visibility_map.nearest = 32),
+            plain.clone().with(|s| s.shadow_rays.samples = 16),
         ] {
             assert_eq!(technique(&asked, Some(0.0)), Technique::default(), "{name}");
         }
