@@ -60,8 +60,8 @@ const MAX_VISITS = 16384u;
 // go on as paths, which are slower and vary more. Eight cells gained nothing over four in scenes/door.glb.
 const MAX_REACH_WHERE_SPARSE = 4.0;
 
-// The same at the points of a tile: within one cell a disc holds no more photons than the 27 cells around it, so that no
-// dense spot exceeds MAX_VISITS, which would make the sample invalid.
+// The same at the points of a tile: within one cell a disc holds no more photons than the 27 cells around it, so that
+// no dense spot exceeds MAX_VISITS, which would make the sample invalid.
 @if(photon_map || caustics) const MAX_REACH_OF_POINTS = 1.0;
 
 // The radius that marks an irradiance point without an estimate. No path ends there.
