@@ -1,6 +1,6 @@
 //! Composing the kernels from the files below `shaders/`.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::LazyLock;
 
 use kernel_kit::{Composed, Composer, Feature as _, embed};
@@ -20,32 +20,47 @@ static COMPOSER: LazyLock<Composer> = LazyLock::new(|| {
     composer.with_module("lib/constants", constants::module())
 });
 
+/// What a module says: the features that it names, in code or in comments, and the modules that it imports.
+struct Names {
+    features: BTreeSet<Feature>,
+    imports: Vec<String>,
+}
+
 /// The features on which each kernel may depend: those that it, or a module that it imports, names.
 static NAMED: LazyLock<BTreeMap<&str, BTreeSet<Feature>>> = LazyLock::new(|| {
     let composer = composer(&Features::default());
-    let modules: BTreeMap<&str, &str> = composer.modules().collect();
-    kernel_stems().into_iter().map(|stem| (stem, named_from(stem, &modules))).collect()
+    let texts: BTreeMap<&str, &str> = composer.modules().collect();
+    let features: HashMap<&str, Feature> = Feature::ALL.iter().map(|feature| (feature.name(), *feature)).collect();
+    // Each text is read once, for all kernels: this is part of every start.
+    let names = texts.iter().map(|(path, text)| (*path, names_in(text, &features, |path| texts.contains_key(path))));
+    let names = names.collect();
+    kernel_stems().into_iter().map(|stem| (stem, named_from(stem, &names))).collect()
 });
 
-/// The features that a kernel and the modules that it imports name. They may be too many: names in comments count, and
-/// if an import names no module, all features do.
-fn named_from(kernel: &str, modules: &BTreeMap<&str, &str>) -> BTreeSet<Feature> {
-    let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    let (mut waiting, mut seen, mut named) = (vec![kernel.to_owned()], BTreeSet::new(), BTreeSet::new());
+fn is_of_name(c: char) -> bool {
+    c.is_ascii_alphanumeric() || c == '_'
+}
+
+fn names_in(text: &str, features: &HashMap<&str, Feature>, is_module: impl Fn(&str) -> bool) -> Names {
+    let imports = text.split("package::").skip(1).map(|import| {
+        let end = import.find(|c| !is_of_name(c) && c != ':').unwrap_or(import.len());
+        let names: Vec<&str> = import[..end].split("::").collect();
+        // The last names are those of items in the module.
+        let mut paths = (1..=names.len()).rev().map(|length| names[..length].join("/"));
+        paths.find(|path| is_module(path)).unwrap_or_else(|| names.join("/"))
+    });
+    let words = text.split(|c| !is_of_name(c));
+    Names { features: words.filter_map(|word| features.get(word).copied()).collect(), imports: imports.collect() }
+}
+
+/// The features that a kernel and the modules that it imports name: all features if an import names no module.
+fn named_from(kernel: &str, names: &BTreeMap<&str, Names>) -> BTreeSet<Feature> {
+    let (mut waiting, mut seen, mut named) = (vec![kernel], BTreeSet::new(), BTreeSet::new());
     while let Some(path) = waiting.pop() {
-        let Some(text) = modules.get(path.as_str()) else { return Feature::ALL.iter().copied().collect() };
-        if !seen.insert(path) {
-            continue;
-        }
-        let words: BTreeSet<&str> = text.split(|c| !is_name(c)).collect();
-        named.extend(Feature::ALL.iter().filter(|feature| words.contains(feature.name())));
-        for import in text.split("package::").skip(1) {
-            let end = import.find(|c| !is_name(c) && c != ':').unwrap_or(import.len());
-            let names: Vec<&str> = import[..end].split("::").collect();
-            // The last names are those of items in the module.
-            let paths = (1..=names.len()).rev().map(|length| names[..length].join("/"));
-            let module = paths.into_iter().find(|path| modules.contains_key(path.as_str()));
-            waiting.push(module.unwrap_or_else(|| names.join("/")));
+        let Some(module) = names.get(path) else { return Feature::ALL.iter().copied().collect() };
+        if seen.insert(path) {
+            named.extend(&module.features);
+            waiting.extend(module.imports.iter().map(String::as_str));
         }
     }
     named

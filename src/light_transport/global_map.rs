@@ -13,7 +13,6 @@ use crate::passes::irradiance::{
     irradiance_point_grid,
 };
 use crate::settings::Settings;
-use crate::settings::technique::Transport;
 use crate::specialisation::features::Features;
 use crate::specialisation::kernels::sorting_grid;
 use crate::statistics::totals::Totals;
@@ -108,8 +107,7 @@ impl GlobalMap {
         let mut show = None;
         if shown {
             totals.indirect_bytes += map.bytes;
-            let is_negative = settings.technique.requirements().transport == Transport::ShownMapWithNegativePhotons;
-            let unshadowed = if is_negative { scene.lights.len() as u32 } else { 0 };
+            let unshadowed = if settings.technique.has_negative_photons() { scene.lights.len() as u32 } else { 0 };
             let shown = ShownMap { map: &map, step: photons.step, shrink: 1.0, unshadowed };
             show = Some(kernels.irradiance.bind_show(gpu, tile, gpu_scene, &shown)?);
         }

@@ -120,6 +120,11 @@ impl Technique {
         matches!(self.requirements().transport, Transport::ShownMap | Transport::ShownMapWithNegativePhotons)
     }
 
+    /// Whether shadow photons of that map carry negative flux, so that direct light is added as if nothing hid it.
+    pub fn has_negative_photons(self) -> bool {
+        self.requirements().transport == Transport::ShownMapWithNegativePhotons
+    }
+
     /// Whether it queries the visibility map.
     pub fn uses_visibility_map(self) -> bool {
         matches!(self.requirements().visibility, Visibility::Photons | Visibility::PhotonsAlone)

@@ -5,7 +5,6 @@ use super::decisions::{Specialisation, bytes_text, count, is_lit};
 use super::surfaces::Facts;
 use crate::scene::Scene;
 use crate::settings::Settings;
-use crate::settings::technique::Transport;
 use crate::specialisation::features::Feature;
 
 impl Specialisation {
@@ -81,7 +80,7 @@ impl Specialisation {
             "the technique does not show the map directly",
             "a search and 32 short rays per point",
         );
-        let negative = settings.technique.requirements().transport == Transport::ShownMapWithNegativePhotons;
+        let negative = settings.technique.has_negative_photons();
         let why = "shadow photons subtract the energy of occluded light".to_owned();
         let cost = "a ray onwards from every first hit";
         self.decide(Feature::NegativePhotons, shown && negative, why, "the technique does not subtract light", cost);
