@@ -113,6 +113,28 @@ fn interpolate(
     radiance_indirect[i] = light;
 }
 
+// Replaces the light at the points, as `interpolate` with other records left it, by what these records change of it.
+// There is no change where either of them leaves the light to a path.
+@compute @workgroup_size(64)
+fn change(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= cache_pass.tile.point_count { return; }
+    let point = load_point(i);
+    let surface = load_surface(i);
+    let before = radiance_indirect[i];
+    var difference = vec3f(0.0);
+    if before.w > 0.0 && reflects_diffusely(surface, point) {
+        let found = interpolate_at(i, surface, point);
+        let light = surface.packed.base.xyz * found.irradiance * (1.0 / PI);
+        if found.weight > 0.0 { difference = light - before.xyz; }
+    }
+    radiance_indirect[i] = vec4f(difference, 0.0);
+}
+
 @compute @workgroup_size(1)
 fn arrange_paths() {
     let size = dispatch_groups(atomicLoad(&path_count[0]), PATH_GROUP);

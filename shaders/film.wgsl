@@ -1,6 +1,7 @@
 // film: sums the samples of each pixel of a tile with compensation (Kahan 1965; Neumaier 1974), so that tens of
 // thousands of samples lose no visible precision. A sample that is not finite is left out and counted. The pass also
 // counts pixels whose sum may soon overflow, and squares that overflow.
+// `correct` and `correct_squares` change the samples so far, each by the same for a pixel.
 // In: `samples`, a vector for each point, in the units of radiance.
 // Out: `sums` and `compensations`, a vector for each pixel; compensations.w is the number of samples that were left
 // out.
@@ -15,6 +16,8 @@ struct FilmParameters {
     // Number of points to sum, and the index of the first of them in `samples`.
     point_count: u32,
     first_point: u32,
+    // For `correct` and `correct_squares`: the number of samples to change.
+    earlier_samples: u32,
 }
 
 @group(0) @binding(0) var<storage, read> samples: array<vec4f>;
@@ -22,7 +25,7 @@ struct FilmParameters {
 @group(0) @binding(2) var<storage, read_write> compensations: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
 // For `accumulate_squares`: the other part of the radiance, or one zero vector for all points. For `take_snapshot`:
-// the compensations of the sums that `samples` are.
+// the compensations of the sums that `samples` are. For `correct_squares`: sums of the samples, or of a part of them.
 @group(0) @binding(4) var<storage, read> other_samples: array<vec4f>;
 // See lib/tile.
 @if(adaptive_sampling) @group(0) @binding(5) var<storage, read> sampled_pixels: array<u32>;
@@ -121,4 +124,36 @@ fn take_snapshot(
     let pixel = pixel_of(i);
     sums[pixel] = samples[pixel];
     compensations[pixel] = other_samples[pixel];
+}
+
+// Adds `samples`, one for each pixel, to each sample that the pixel has. A change that is not finite is left out.
+@compute @workgroup_size(64)
+fn correct(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= film_parameters.pixel_count { return; }
+    let pixel = pixel_of(i);
+    let sum = load_sum(pixel);
+    let change = max(f32(film_parameters.earlier_samples) - sum.compensation.w, 0.0) * samples[i];
+    if is_finite4(change) { store_sum(pixel, compensated(sum, change)); }
+}
+
+// The same for a sum of squares, before the samples change: (x + c)^2 is x^2 + 2 c x + c^2. Where x is a sum of two
+// parts, it runs for each, and `earlier_samples` is 0 for one of them.
+@compute @workgroup_size(64)
+fn correct_squares(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= film_parameters.pixel_count { return; }
+    let pixel = pixel_of(i);
+    let sum = load_sum(pixel);
+    let count = max(f32(film_parameters.earlier_samples) - sum.compensation.w, 0.0);
+    let change = samples[i] * (2.0 * other_samples[pixel] + count * samples[i]);
+    if is_finite4(change) { store_sum(pixel, compensated(sum, change)); }
 }

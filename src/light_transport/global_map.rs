@@ -72,7 +72,10 @@ impl GlobalMap {
         // A look-up happens after one bounce.
         let max_bounces =
             if shown { settings.indirect.max_bounces } else { settings.indirect.max_bounces.saturating_sub(1) };
-        let (flux_photons, seed) = (settings.flux_photons(), settings.image.seed);
+        let flux_photons = settings.flux_photons();
+        // Maps of other numbers of photons are independent, as irradiance records have gather rays that end in several
+        // of them. Users may count up their seeds, so others are far away.
+        let seed = settings.image.seed.wrapping_add(flux_photons.wrapping_mul(0x9e37_79b9));
         let caustics = totals.indirect.caustics;
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
             let traced =

@@ -11,9 +11,10 @@ use super::irradiance_cache::{Filling, IrradianceCache, Records};
 use super::kernels::IndirectKernels;
 use super::shared::Shared;
 use crate::Result;
-use crate::gpu_scene::CameraUniform;
+use crate::gpu_scene::{CameraUniform, GpuScene};
 use crate::passes::Tile;
-use crate::passes::path::{BoundHighlights, BoundPath, HighlightQueue, PathParameters};
+use crate::passes::cache::BoundCache;
+use crate::passes::path::{BoundHighlights, BoundPath, HighlightQueue, Path, PathParameters};
 use crate::passes::primary::BoundPrimary;
 use crate::settings::Settings;
 use crate::specialisation::features::Feature;
@@ -41,27 +42,28 @@ const RAY_PASSES: [&str; 4] = ["flux/", "grid/", "irradiance/", "gather/"];
 /// Seconds to make indirect light.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct IndirectCost {
-    /// In proportion to photons and gather rays.
-    rays: f64,
-    /// The same in all stages.
-    other: f64,
+    /// For each gather ray of a record, with the photons that go with it.
+    ray: f64,
+    /// For each wave, however many rays it has.
+    wave: f64,
 }
 
 impl IndirectCost {
-    /// Of `seconds` in all, during which passes took the difference of these times. Where the device has no times of
-    /// passes, all counts as that of rays, which foresees too much.
-    pub fn new(seconds: f64, before: &BTreeMap<String, f64>, after: &BTreeMap<String, f64>) -> IndirectCost {
+    /// Of a wave of `rays` gather rays of each record that took `seconds` in all, during which passes took the
+    /// difference of these times. Where the device has no times of passes, all counts as that of rays, which foresees
+    /// too much.
+    pub fn new(seconds: f64, rays: u32, before: &BTreeMap<String, f64>, after: &BTreeMap<String, f64>) -> IndirectCost {
         let is_of_rays = |name: &str| RAY_PASSES.iter().any(|pass| name.starts_with(pass));
         let sum = |times: &BTreeMap<String, f64>| -> f64 {
             times.iter().filter(|(name, _)| is_of_rays(name)).map(|(_, seconds)| seconds).sum()
         };
-        let rays = if after.is_empty() { seconds } else { (sum(after) - sum(before)).clamp(0.0, seconds) };
-        IndirectCost { rays, other: seconds - rays }
+        let of_rays = if after.is_empty() { seconds } else { (sum(after) - sum(before)).clamp(0.0, seconds) };
+        IndirectCost { ray: of_rays / f64::from(rays.max(1)), wave: seconds - of_rays }
     }
 
-    /// That of `more` stages later: each has four times the rays.
-    pub fn after(self, more: i32) -> f64 {
-        self.rays * 4f64.powi(more) + self.other
+    /// That of `waves` more, with `rays` gather rays of each record in all.
+    pub fn of(self, waves: u32, rays: u32) -> f64 {
+        self.ray * f64::from(rays) + self.wave * f64::from(waves)
     }
 }
 
@@ -93,27 +95,71 @@ impl IndirectLight {
             (Some(kernels), None) => Some(GlobalMap::new(&shared, kernels, settings, paths, totals)?),
             (None, _) => None,
         };
-        let mut scene: Vec<&dyn Bindings> = vec![gpu_scene];
-        scene.extend(map.as_ref().and_then(GlobalMap::irradiance).map(|irradiance| irradiance as &dyn Bindings));
+        let scene = with_irradiance(gpu_scene, map.as_ref());
         let filling = |kernels| Filling { gpu, kernels, features, tile, primary, scene: &scene, camera, settings };
         let cache = match cache {
             Some(kernels) => Some(IrradianceCache::new(&filling(kernels), records, totals)?),
             None => None,
         };
-        let queue = cache.as_ref().map(|cache| cache.buffers().path_queue());
-        let mut sets = scene.clone();
-        sets.extend(queue.as_ref().map(|queue| queue as &dyn Bindings));
         let (path, highlights) = match path {
             Some(path) if features.has(Feature::Highlights) => {
                 let queue = HighlightQueue::new(gpu, tile.capacity())?;
                 (None, Some((path.bind_highlights(gpu, tile, &queue, gpu_scene)?, queue)))
             }
-            Some(path) => (Some(path.bind(gpu, tile, &sets)?), None),
+            Some(path) => (Some(bind_path(path, &shared, &scene, cache.as_ref())?), None),
             None => (None, None),
         };
         gpu.wait("indirect light")?;
-        let cost = IndirectCost::new(start.elapsed().as_secs_f64(), &times, &gpu.pass_times()?);
+        let cost = IndirectCost::new(start.elapsed().as_secs_f64(), settings.gather_rays(), &times, &gpu.pass_times()?);
         Ok(IndirectLight { cost, map, cache, path, highlights })
+    }
+
+    /// Makes a new global map with other photons, and adds gather rays that end in it to the irradiance records until
+    /// they have those of the settings. Returns the irradiance cache before, if there is one.
+    pub fn add_rays(
+        &mut self,
+        setup: &IndirectSetup<'_>,
+        earlier: u32,
+        totals: &mut Totals,
+    ) -> Result<Option<BoundCache>> {
+        let (start, times) = (Instant::now(), setup.shared.gpu.pass_times()?);
+        let IndirectSetup { shared, kernels, primary, camera, settings } = *setup;
+        let IndirectKernels { global_map, cache, path, features, .. } = kernels;
+        let Shared { gpu, gpu_scene, tile, .. } = shared;
+        totals.indirect_bytes = 0;
+        // The map before is released first.
+        self.map = None;
+        if let Some(kernels) = global_map {
+            self.map = Some(GlobalMap::new(&shared, kernels, settings, path.is_some(), totals)?);
+        }
+        let scene = with_irradiance(gpu_scene, self.map.as_ref());
+        let before = match (&mut self.cache, cache) {
+            (Some(cache), Some(kernels)) => {
+                let filling = Filling { gpu, kernels, features, tile, primary, scene: &scene, camera, settings };
+                Some(cache.add_rays(&filling, totals)?)
+            }
+            _ => None,
+        };
+        if let (Some(bound), Some(path)) = (&mut self.path, path) {
+            *bound = bind_path(path, &shared, &scene, self.cache.as_ref())?;
+        }
+        gpu.wait("indirect light")?;
+        let rays = settings.gather_rays().saturating_sub(earlier);
+        self.cost = IndirectCost::new(start.elapsed().as_secs_f64(), rays, &times, &gpu.pass_times()?);
+        Ok(before)
+    }
+
+    /// Writes what the irradiance records change of the indirect light at the tile's points, compared with those
+    /// `before`.
+    pub fn change(&self, frame: &mut Frame<'_>, before: &BoundCache, tile: &Tile) {
+        if let Some(cache) = &self.cache {
+            cache.change(frame, before, tile);
+        }
+    }
+
+    /// The global map, if another view can use it.
+    pub fn take_map(&mut self) -> Option<GlobalMap> {
+        self.map.take().and_then(GlobalMap::without_view)
     }
 
     /// What it took to make it.
@@ -167,21 +213,40 @@ impl IndirectLight {
     }
 }
 
+/// What kernels read of the scene and, if there is one, of the global map.
+fn with_irradiance<'a>(gpu_scene: &'a GpuScene, map: Option<&'a GlobalMap>) -> Vec<&'a dyn Bindings> {
+    let irradiance = map.and_then(GlobalMap::irradiance).map(|irradiance| irradiance as &dyn Bindings);
+    std::iter::once(gpu_scene as &dyn Bindings).chain(irradiance).collect()
+}
+
+/// Paths from the points that the cache leaves to them, or from all points if there is none.
+fn bind_path(
+    path: &Path,
+    Shared { gpu, tile, .. }: &Shared<'_>,
+    scene: &[&dyn Bindings],
+    cache: Option<&IrradianceCache>,
+) -> Result<BoundPath> {
+    let queue = cache.map(|cache| cache.buffers().path_queue());
+    let mut sets = scene.to_vec();
+    sets.extend(queue.as_ref().map(|queue| queue as &dyn Bindings));
+    Ok(path.bind(gpu, tile, &sets)?)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Only the passes of rays grow with the stage, by four each time.
+    /// Passes of rays grow with the rays, the others with the waves.
     #[test]
-    fn later_stages_take_four_times_the_rays() {
+    fn costs_are_those_of_rays_and_of_waves() {
         let times = |gather: f64, cache: f64| {
             BTreeMap::from([("gather/follow".to_owned(), gather), ("cache/request".to_owned(), cache)])
         };
-        let cost = IndirectCost::new(1.0, &times(1.0, 1.0), &times(1.25, 3.0));
-        assert_eq!(cost.after(0), 1.0);
-        assert_eq!(cost.after(1), 0.75 + 4.0 * 0.25);
-        assert_eq!(cost.after(2), 0.75 + 16.0 * 0.25);
-        let unknown = IndirectCost::new(1.0, &BTreeMap::new(), &BTreeMap::new());
-        assert_eq!(unknown.after(1), 4.0);
+        let cost = IndirectCost::new(1.0, 16, &times(1.0, 1.0), &times(1.25, 3.0));
+        assert_eq!(cost.of(1, 16), 1.0);
+        assert_eq!(cost.of(1, 64), 0.75 + 4.0 * 0.25);
+        assert_eq!(cost.of(2, 256), 2.0 * 0.75 + 16.0 * 0.25);
+        let unknown = IndirectCost::new(1.0, 16, &BTreeMap::new(), &BTreeMap::new());
+        assert_eq!(unknown.of(3, 64), 4.0);
     }
 }

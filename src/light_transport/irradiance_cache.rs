@@ -1,20 +1,21 @@
 //! The irradiance cache: irradiance records, placed where the view needs them, from coarse to fine, before the first
-//! sample. All samples share them.
+//! sample. All samples share them. As samples are added, so are gather rays to each record.
 
 use std::collections::HashMap;
+use std::mem;
 
 use glam::Vec3;
-use kernel_kit::{Bindings, Buffer, Frame, Gpu};
+use kernel_kit::{Bindings, Frame, Gpu};
 use rayon::prelude::*;
 
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::kernels::MIN_RADIUS_PIXELS;
-use crate::passes::cache::{BoundCache, Cache, CacheBuffers, ViewRecords, record_values, wanted};
-use crate::passes::gather::{BoundGather, Gather, GatherSettings, RecordHead};
+use crate::passes::cache::{Blocks, BoundCache, Cache, CacheBuffers, ViewRecords, wanted};
+use crate::passes::gather::{BoundGather, Gather, GatherSettings, RecordBuffers, RecordHead, Wave};
 use crate::passes::primary::BoundPrimary;
 use crate::passes::{Tile, TileBuffers};
-use crate::settings::Settings;
+use crate::settings::{ImageSettings, Settings};
 use crate::specialisation::features::Features;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
@@ -29,6 +30,13 @@ const SPACINGS_BESIDE_KEPT: usize = 6;
 
 /// Maximum radius of a record in pixels. Farther away, gradients miss detail between the records.
 const MAX_RADIUS_PIXELS: f32 = 20.0;
+
+/// A place where the weights of records have a smaller sum needs one of its own, as in `shaders/cache.wgsl`.
+const MIN_WEIGHT: f32 = 0.3;
+
+/// Weights of offsets and of normals, as in `shaders/lib/record.wgsl`.
+const OFF_PLANE: f32 = 99.0;
+const PER_NORMAL: f32 = 1.0 / 0.347_296_36;
 
 pub(crate) struct CacheKernels {
     gather: Gather,
@@ -68,9 +76,11 @@ const MAX_KEPT: usize = 1 << 14;
 /// The records so far.
 pub(crate) struct Records {
     heads: Vec<RecordHead>,
-    values: Buffer,
-    /// Capacity of `values`, in records.
+    buffers: RecordBuffers,
+    /// Their capacity, in records.
     room: u32,
+    /// Gather rays of each record so far.
+    rays: u32,
 }
 
 impl IrradianceCache {
@@ -80,20 +90,43 @@ impl IrradianceCache {
         let (mut records, spacings) = match kept.filter(|kept| kept.heads.len() <= MAX_KEPT) {
             Some(kept) => (kept, &SPACINGS[..SPACINGS_BESIDE_KEPT]),
             None => {
-                let none = Records { heads: Vec::new(), values: record_values(with.gpu, with.features, 1)?, room: 1 };
-                (none, SPACINGS.as_slice())
+                let empty = RecordBuffers::new(with.gpu, with.features, 1)?;
+                (Records { heads: Vec::new(), buffers: empty, room: 1, rays: 0 }, SPACINGS.as_slice())
             }
         };
-        let mut bound = records.bind(with, &buffers)?;
-        for spacing in spacings {
-            if records.fill(with, &buffers, &bound, *spacing, totals)? {
-                bound = records.bind(with, &buffers)?;
-            }
-        }
-        totals.indirect.records = records.heads.len() as u64;
-        totals.min_radius_records = records.smallest(with.settings.indirect.irradiance_cache.accuracy);
-        totals.indirect_bytes += records.values.bytes;
+        records.rays = with.settings.gather_rays();
+        let bound = records.fill(with, &buffers, spacings, totals)?;
         Ok(IrradianceCache { buffers, bound, records })
+    }
+
+    /// Adds gather rays to each record, twice as many as it has or fewer, until it has those of the settings; then
+    /// leaves out those that others have come to cover, and places new ones where others cover too little: more rays
+    /// know the distances of surfaces better. Returns the [`BoundCache`] of the records before.
+    pub fn add_rays(&mut self, with: &Filling<'_>, totals: &mut Totals) -> Result<BoundCache> {
+        let records = &mut self.records;
+        let wave = Wave { earlier: records.rays, rays: with.settings.gather_rays().saturating_sub(records.rays) };
+        if wave.rays > 0 {
+            // The records before remain as they are.
+            records.move_to(with, records.room)?;
+            let bound = with.kernels.gather.bind(with.gpu, with.tile, wave, &records.buffers, with.scene)?;
+            let mut frame = with.gpu.frame("gather");
+            frame.clear(&with.tile.counters);
+            frame.submit()?;
+            let all = 0..records.heads.len() as u32;
+            totals.gather_rays += u64::from(all.end) * u64::from(wave.rays);
+            records.heads = bound.gather(with.gpu, all, with.gather_settings())?;
+            let counters: Vec<u32> = with.gpu.read(&with.tile.counters, Counter::COUNT)?;
+            totals.add(&counters, 0);
+            records.rays += wave.rays;
+            records.leave_out_covered(with)?;
+        }
+        let bound = records.fill(with, &self.buffers, &SPACINGS, totals)?;
+        Ok(mem::replace(&mut self.bound, bound))
+    }
+
+    /// Writes what the records change of the indirect light at the tile's points, compared with those `before`.
+    pub fn change(&self, frame: &mut Frame<'_>, before: &BoundCache, tile: &Tile) {
+        self.bound.record_change(frame, before, &self.buffers, tile);
     }
 
     /// The records, for another view.
@@ -117,9 +150,36 @@ impl IrradianceCache {
     }
 }
 
+impl Filling<'_> {
+    fn gather_settings(&self) -> GatherSettings {
+        let (image, max_bounces) = (&self.settings.image, self.settings.indirect.max_bounces);
+        GatherSettings { max_bounces, seed: image.seed, height: image.height }
+    }
+}
+
 impl Records {
-    /// Adds records where the points of an image of one pixel for `spacing` have too few. Returns whether it added any.
+    /// Adds records where points have too few, from coarse to fine.
     fn fill(
+        &mut self,
+        with: &Filling<'_>,
+        buffers: &CacheBuffers,
+        spacings: &[u32],
+        totals: &mut Totals,
+    ) -> Result<BoundCache> {
+        let mut bound = self.bind(with, buffers)?;
+        for spacing in spacings {
+            if self.fill_at(with, buffers, &bound, *spacing, totals)? {
+                bound = self.bind(with, buffers)?;
+            }
+        }
+        totals.indirect.records = self.heads.len() as u64;
+        totals.min_radius_records = self.smallest(with.settings.indirect.irradiance_cache.accuracy);
+        totals.indirect_bytes += self.buffers.bytes();
+        Ok(bound)
+    }
+
+    /// Adds records where the points of an image of one pixel for `spacing` have too few. Returns whether it added any.
+    fn fill_at(
         &mut self,
         with: &Filling<'_>,
         buffers: &CacheBuffers,
@@ -128,8 +188,7 @@ impl Records {
         totals: &mut Totals,
     ) -> Result<bool> {
         let Filling { gpu, tile, primary, .. } = *with;
-        let (image, max_bounces, gather_rays) =
-            (&with.settings.image, with.settings.indirect.max_bounces, with.settings.gather_rays());
+        let image = &with.settings.image;
         let [width, height] = [image.width, image.height].map(|side| side.div_ceil(spacing));
         // The pixels of that image that reach into the part.
         // All pieces have the same records, which are for the whole image then.
@@ -166,10 +225,13 @@ impl Records {
                 }
                 let bound = match gather.take() {
                     Some(bound) => bound,
-                    None => with.kernels.gather.bind(gpu, tile, gather_rays, &self.values, with.scene)?,
+                    None => {
+                        let wave = Wave { earlier: 0, rays: self.rays };
+                        with.kernels.gather.bind(gpu, tile, wave, &self.buffers, with.scene)?
+                    }
                 };
-                let settings = GatherSettings { max_bounces, seed: image.seed, height: image.height };
-                self.heads.extend(bound.gather(gpu, &wanted, self.heads.len() as u32, settings)?);
+                let before = self.heads.len() as u32;
+                self.heads.extend(bound.place(gpu, &wanted, before, with.gather_settings())?);
                 totals.gather_rays += wanted.len() as u64 * u64::from(bound.rays());
                 gather = Some(bound);
             }
@@ -186,34 +248,57 @@ impl Records {
         self.heads.iter().filter(is_smallest).count() as u64
     }
 
-    /// Makes room for `more` records. Returns whether the buffer had to grow.
+    /// Leaves out records that earlier ones cover: where few rays were known, gradients looked steep, and records small.
+    fn leave_out_covered(&mut self, with: &Filling<'_>) -> Result<()> {
+        let kept = uncovered(&self.with_radii(with), with.camera, &with.settings.image);
+        if kept.len() < self.heads.len() {
+            self.buffers.keep(with.gpu, &kept, self.heads.len())?;
+            self.heads = kept.iter().map(|i| self.heads[*i]).collect();
+        }
+        Ok(())
+    }
+
+    /// Makes room for `more` records. Returns whether the buffers had to grow.
     fn grow(&mut self, with: &Filling<'_>, more: u32) -> Result<bool> {
         let needed = self.heads.len() as u32 + more;
         if needed <= self.room {
             return Ok(false);
         }
-        let values = |room: u32| -> Result<_> { Ok((room, record_values(with.gpu, with.features, room)?)) };
         // Where the device binds no buffer of twice the size, what is needed may still fit.
-        let (room, larger) = values((2 * self.room).max(needed)).or_else(|_| values(needed))?;
-        let mut frame = with.gpu.frame("cache");
-        frame.copy(&self.values, &larger, 0, self.values.bytes);
-        frame.submit()?;
-        (self.room, self.values) = (room, larger);
+        let doubled = (2 * self.room).max(needed);
+        self.move_to(with, doubled).or_else(|_| self.move_to(with, needed))?;
         Ok(true)
+    }
+
+    /// Moves the records to new buffers with room for `room` of them.
+    fn move_to(&mut self, with: &Filling<'_>, room: u32) -> Result<()> {
+        let larger = RecordBuffers::new(with.gpu, with.features, room)?;
+        let mut frame = with.gpu.frame("cache");
+        for (from, to) in [(&self.buffers.origins, &larger.origins), (&self.buffers.values, &larger.values)] {
+            frame.copy(from, to, 0, from.bytes);
+        }
+        frame.submit()?;
+        (self.room, self.buffers) = (room, larger);
+        Ok(())
     }
 
     /// Binds the pass to tables of all records, with radii that respect the distances of their neighbours.
     fn bind(&self, with: &Filling<'_>, buffers: &CacheBuffers) -> Result<BoundCache> {
         let Filling { gpu, camera, .. } = *with;
-        let (width, height, accuracy) =
-            (with.settings.image.width, with.settings.image.height, with.settings.indirect.irradiance_cache.accuracy);
-        let distances = neighbour_distances(&self.heads, accuracy);
+        let (heads, values) = (self.with_radii(with), &self.buffers.values);
+        let size = [with.settings.image.width, with.settings.image.height];
+        let records = ViewRecords::new(gpu, &heads, values, size, |head| seen_part(camera, head))?;
+        with.kernels.cache.bind(gpu, with.tile, buffers, &records, with.scene)
+    }
+
+    /// The heads with radii in place of the sizes of pixels.
+    fn with_radii(&self, with: &Filling<'_>) -> Vec<RecordHead> {
+        let accuracy = with.settings.indirect.irradiance_cache.accuracy;
         let mut heads = self.heads.clone();
-        for (head, distance) in heads.iter_mut().zip(distances) {
+        for (head, distance) in heads.iter_mut().zip(neighbour_distances(&self.heads, accuracy)) {
             head.size = radius(distance, head.size, accuracy);
         }
-        let records = ViewRecords::new(gpu, &heads, &self.values, [width, height], |head| seen_part(camera, head))?;
-        with.kernels.cache.bind(gpu, with.tile, buffers, &records, with.scene)
+        heads
     }
 }
 
@@ -239,6 +324,34 @@ fn neighbour_distances(heads: &[RecordHead], accuracy: f32) -> Vec<f32> {
         distance
     };
     heads.par_iter().map(nearest).collect()
+}
+
+/// The records that those before them do not cover, by the measure by which points need records.
+fn uncovered(heads: &[RecordHead], camera: &CameraUniform, image: &ImageSettings) -> Vec<usize> {
+    let blocks = Blocks::new([image.width, image.height]);
+    let mut by_block = vec![Vec::<usize>::new(); blocks.count()];
+    let mut kept = Vec::new();
+    for (id, head) in heads.iter().enumerate() {
+        let centre = seen_part(camera, &RecordHead { size: head.size.min(f32::MIN_POSITIVE), ..*head });
+        let around = centre.and_then(|centre| blocks.of(Some(centre)).next());
+        let near = around.map_or(&[][..], |block| &by_block[block]);
+        let weight: f32 = near.iter().map(|other| weight(&heads[*other], head)).sum();
+        if head.size > 0.0 && weight < MIN_WEIGHT {
+            kept.push(id);
+            blocks.of(seen_part(camera, head)).for_each(|block| by_block[block].push(id));
+        }
+    }
+    kept
+}
+
+/// The weight of a record at the place of another one; see `interpolate_records` in `shaders/lib/record.wgsl`.
+fn weight(of: &RecordHead, at: &RecordHead) -> f32 {
+    let (normal, other) = (Vec3::from(of.normal), Vec3::from(at.normal));
+    let offset = Vec3::from(at.position) - Vec3::from(of.position);
+    let off_plane = offset.dot(0.5 * (normal + other));
+    let distance = (offset.length_squared() + OFF_PLANE * off_plane * off_plane).sqrt() / of.size;
+    let normal_distance = normal.distance(other) * PER_NORMAL;
+    (1.0 - distance.max(normal_distance)).max(0.0)
 }
 
 /// Records by the cell of a grid that they are in.

@@ -1,15 +1,12 @@
 //! Pass `cache`: the irradiance cache. It lists the points that need an irradiance record of their own, and
 //! interpolates the indirect light of the others from existing records.
 
-use kernel_kit::{
-    Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
-};
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct};
 
 use super::gather::RecordHead;
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
-use crate::kernels::{RECORD_VALUE_TEXELS_CURVED, RECORD_VALUE_TEXELS_FLAT};
-use crate::specialisation::features::{Feature, Features};
+use crate::specialisation::features::Features;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/cache.wgsl`.
@@ -35,9 +32,7 @@ bindings! {
 
 /// The irradiance records of a view, by block of the image; see `shaders/lib/record.wgsl`.
 pub struct ViewRecords {
-    blocks: [f32; 2],
-    columns: u32,
-    rows: u32,
+    blocks: Blocks,
     heads: Table,
     values: Table,
     starts: Table,
@@ -63,18 +58,14 @@ impl ViewRecords {
         size: [u32; 2],
         reach: impl Fn(&RecordHead) -> Option<ImageArea>,
     ) -> Result<ViewRecords> {
-        let counts = size.map(|side| side.div_ceil(BLOCK));
-        let [columns, rows] = counts;
-        let blocks = size.map(|side| side as f32 / BLOCK as f32);
-        let spans: Vec<BlockSpan> = heads.iter().map(|head| block_span(reach(head), blocks, counts)).collect();
-        let (starts, records) = sort_by_block(&spans, counts);
+        let blocks = Blocks::new(size);
+        let spans: Vec<BlockSpan> = heads.iter().map(|head| blocks.span(reach(head))).collect();
+        let (starts, records) = sort_by_block(&spans, &blocks);
         let mut frame = gpu.frame("cache");
         let values = gpu.kernel_table(&mut frame, values.clone(), TableFormat::Float)?;
         frame.submit()?;
         Ok(ViewRecords {
             blocks,
-            columns,
-            rows,
             heads: gpu.table("penumbra/cache/heads", bytemuck::cast_slice::<_, [f32; 4]>(heads), TableFormat::Float)?,
             values,
             starts: gpu.table("penumbra/cache/block_starts", &vectors(starts), TableFormat::Uint)?,
@@ -86,31 +77,59 @@ impl ViewRecords {
 /// The range of columns of blocks, and that of rows, each without its end.
 type BlockSpan = [[u32; 2]; 2];
 
-/// The blocks that a record reaches; `blocks` is the size of the image in blocks, `counts` the number of blocks that
-/// cover it.
-fn block_span(reach: Option<ImageArea>, blocks: [f32; 2], counts: [u32; 2]) -> BlockSpan {
-    let Some([low, high]) = reach else { return [[0; 2]; 2] };
-    [0, 1].map(|axis| {
-        let block = |at: f32| (at * blocks[axis]).clamp(0.0, counts[axis] as f32) as u32;
-        [block(low[axis]), (block(high[axis]) + 1).min(counts[axis])]
-    })
+/// The blocks of an image, row by row.
+#[derive(Clone, Copy)]
+pub struct Blocks {
+    /// The size of the image in blocks.
+    size: [f32; 2],
+    columns: u32,
+    rows: u32,
+}
+
+impl Blocks {
+    /// Those of an image of `size` pixels.
+    pub fn new(size: [u32; 2]) -> Blocks {
+        let [columns, rows] = size.map(|side| side.div_ceil(BLOCK));
+        Blocks { size: size.map(|side| side as f32 / BLOCK as f32), columns, rows }
+    }
+
+    /// Their number.
+    pub fn count(&self) -> usize {
+        (self.columns * self.rows) as usize
+    }
+
+    /// Those that a part of the image reaches.
+    pub fn of(&self, reach: Option<ImageArea>) -> impl Iterator<Item = usize> + use<> {
+        self.of_span(self.span(reach))
+    }
+
+    fn of_span(&self, [[left, right], [top, bottom]]: BlockSpan) -> impl Iterator<Item = usize> + use<> {
+        let columns = self.columns;
+        (top..bottom).flat_map(move |y| (left..right).map(move |x| (y * columns + x) as usize))
+    }
+
+    fn span(&self, reach: Option<ImageArea>) -> BlockSpan {
+        let Some([low, high]) = reach else { return [[0; 2]; 2] };
+        let counts = [self.columns, self.rows];
+        [0, 1].map(|axis| {
+            let block = |at: f32| (at * self.size[axis]).clamp(0.0, counts[axis] as f32) as u32;
+            [block(low[axis]), (block(high[axis]) + 1).min(counts[axis])]
+        })
+    }
 }
 
 /// The index of each block's first entry, with the total at the end; and the records, sorted by the blocks that they
 /// reach.
-fn sort_by_block(spans: &[BlockSpan], [columns, rows]: [u32; 2]) -> (Vec<u32>, Vec<u32>) {
-    let blocks_of = |[[left, right], [top, bottom]]: BlockSpan| {
-        (top..bottom).flat_map(move |y| (left..right).map(move |x| (y * columns + x) as usize))
-    };
-    let mut starts = vec![0u32; (columns * rows + 1) as usize];
-    spans.iter().flat_map(|span| blocks_of(*span)).for_each(|block| starts[block + 1] += 1);
+fn sort_by_block(spans: &[BlockSpan], blocks: &Blocks) -> (Vec<u32>, Vec<u32>) {
+    let mut starts = vec![0u32; blocks.count() + 1];
+    spans.iter().flat_map(|span| blocks.of_span(*span)).for_each(|block| starts[block + 1] += 1);
     for block in 1..starts.len() {
         starts[block] += starts[block - 1];
     }
     let mut records = vec![0u32; starts[starts.len() - 1] as usize];
     let mut ends = starts.clone();
     for (id, span) in spans.iter().enumerate() {
-        for block in blocks_of(*span) {
+        for block in blocks.of_span(*span) {
             records[ends[block] as usize] = id as u32;
             ends[block] += 1;
         }
@@ -147,17 +166,6 @@ impl ViewRecords {
             block_records: &self.records,
         }
     }
-}
-
-/// A buffer for the values of `records` records, in whole rows of a table. Kernels of `features` with bent normals keep
-/// rotational gradients too.
-///
-/// # Errors
-/// As [`Gpu::buffer`].
-pub fn record_values(gpu: &Gpu, features: &Features, records: u32) -> Result<Buffer> {
-    let bent = features.has(Feature::SmoothNormals) || features.has(Feature::NormalMaps);
-    let texels = if bent { RECORD_VALUE_TEXELS_CURVED } else { RECORD_VALUE_TEXELS_FLAT };
-    Ok(gpu.buffer::<[f32; 4]>("penumbra/cache/values", whole_rows(records as usize * texels as usize))?)
 }
 
 /// The pass; see `shaders/cache.wgsl`.
@@ -250,10 +258,9 @@ impl Cache {
         Ok(BoundCache {
             request: entry("request")?,
             interpolate: entry("interpolate")?,
+            change: entry("change")?,
             arrange_paths: entry("arrange_paths")?,
             blocks: records.blocks,
-            columns: records.columns,
-            rows: records.rows,
         })
     }
 }
@@ -262,15 +269,15 @@ impl Cache {
 pub struct BoundCache {
     request: BoundKernel,
     interpolate: BoundKernel,
+    change: BoundKernel,
     arrange_paths: BoundKernel,
-    blocks: [f32; 2],
-    columns: u32,
-    rows: u32,
+    blocks: Blocks,
 }
 
 impl BoundCache {
     fn parameters(&self, tile: &Tile) -> CacheParameters {
-        CacheParameters { tile: *tile, blocks: self.blocks, block_columns: self.columns, block_rows: self.rows }
+        let Blocks { size: blocks, columns: block_columns, rows: block_rows } = self.blocks;
+        CacheParameters { tile: *tile, blocks, block_columns, block_rows }
     }
 
     /// Lists the points of the tile that need a record.
@@ -284,6 +291,13 @@ impl BoundCache {
         frame.clear(&buffers.path_count);
         frame.run(&self.interpolate, tile.point_count, &self.parameters(tile));
         frame.run(&self.arrange_paths, 1, &self.parameters(tile));
+    }
+
+    /// What the records change of the light at the tile's points, which [`BoundCache::record_interpolate`] of `before`
+    /// tells: the difference of the indirect light for each point.
+    pub fn record_change(&self, frame: &mut Frame<'_>, before: &BoundCache, buffers: &CacheBuffers, tile: &Tile) {
+        before.record_interpolate(frame, buffers, tile);
+        frame.run(&self.change, tile.point_count, &self.parameters(tile));
     }
 }
 

@@ -16,6 +16,8 @@ shared_struct! {
         pub point_count: u32,
         /// Index of the first of them among the samples.
         pub first_point: u32,
+        /// Number of samples that change.
+        pub earlier_samples: u32,
     }
 }
 
@@ -38,6 +40,19 @@ pub struct Inputs<'a> {
     pub counters: &'a Buffer,
     /// The pixels that get samples, where some get more than others.
     pub sampled_pixels: Option<&'a Buffer>,
+}
+
+/// What is added to each of the samples that pixels have.
+#[derive(Clone, Copy)]
+pub struct Change<'a> {
+    /// A vector for each of the pixels.
+    pub change: &'a Buffer,
+    /// The pixels that change.
+    pub pixel_count: u32,
+    /// Samples of each pixel so far.
+    pub earlier_samples: u32,
+    /// The other inputs of the pass.
+    pub inputs: Inputs<'a>,
 }
 
 /// The pass; see `shaders/film.wgsl`.
@@ -111,6 +126,52 @@ impl Film {
         self.any_plane(gpu, of.pixels, "take_snapshot", [&of.sums, &of.compensations], inputs)
     }
 
+    /// Changes samples that a plane has summed.
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`].
+    pub fn correct(&self, gpu: &Gpu, frame: &mut Frame<'_>, plane: &Plane, change: &Change<'_>) -> Result<()> {
+        self.run_correction(gpu, frame, plane, "correct", (change.change, change.earlier_samples), change)
+    }
+
+    /// Changes samples whose squares a plane has summed. `parts` are the planes whose samples make up those that were
+    /// squared; they must not have changed yet.
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`].
+    pub fn correct_squares(
+        &self,
+        gpu: &Gpu,
+        frame: &mut Frame<'_>,
+        plane: &Plane,
+        parts: &[&Plane],
+        change: &Change<'_>,
+    ) -> Result<()> {
+        for (i, part) in parts.iter().enumerate() {
+            // The square of the change itself counts once.
+            let earlier_samples = if i == 0 { change.earlier_samples } else { 0 };
+            self.run_correction(gpu, frame, plane, "correct_squares", (&part.sums, earlier_samples), change)?;
+        }
+        Ok(())
+    }
+
+    fn run_correction(
+        &self,
+        gpu: &Gpu,
+        frame: &mut Frame<'_>,
+        Plane { sums, compensations, .. }: &Plane,
+        entry: &str,
+        (other_samples, earlier_samples): (&Buffer, u32),
+        Change { change: samples, pixel_count, inputs, .. }: &Change<'_>,
+    ) -> Result<()> {
+        let Inputs { counters, sampled_pixels } = *inputs;
+        let own = FilmBindings { samples, other_samples, sums, compensations, counters, sampled_pixels };
+        let (pixel_count, point_count) = (*pixel_count, *pixel_count);
+        let parameters = FilmParameters { pixel_count, point_count, first_point: 0, earlier_samples };
+        frame.run(&self.0.bind(gpu, entry, &[&own])?, pixel_count, &parameters);
+        Ok(())
+    }
+
     fn any_plane(
         &self,
         gpu: &Gpu,
@@ -137,7 +198,7 @@ impl Plane {
     /// Adds the samples of the tile's points; the first one has the index `first_point` among the samples.
     pub fn record_from(&self, frame: &mut Frame<'_>, tile: &Tile, first_point: u32) {
         let Tile { pixel_count, point_count, .. } = *tile;
-        let parameters = FilmParameters { pixel_count, point_count, first_point };
+        let parameters = FilmParameters { pixel_count, point_count, first_point, earlier_samples: 0 };
         frame.run(&self.bound, tile.pixel_count, &parameters);
     }
 

@@ -1,23 +1,38 @@
-//! Pass `gather`: the final gather of irradiance records, with their gradients (Ward and Heckbert 1992).
+//! Pass `gather`: the final gather of irradiance records, with their gradients (Ward and Heckbert 1992), in waves: each
+//! adds rays to those that the records have.
 
-use kernel_kit::{Bindings, BoundKernel, Buffer, Gpu, Kernel, bindings, shared_struct};
+use std::ops::Range;
+
+use kernel_kit::{Bindings, BoundKernel, Buffer, Gpu, Kernel, bindings, shared_struct, whole_rows};
 
 use super::{TileBuffers, kernel};
 use crate::Result;
-use crate::kernels::RECORD_HEAD_TEXELS;
-use crate::specialisation::features::Features;
+use crate::gpu_scene::sobol;
+use crate::kernels::{RECORD_HEAD_TEXELS, RECORD_VALUE_TEXELS_CURVED, RECORD_VALUE_TEXELS_FLAT};
+use crate::specialisation::features::{Feature, Features};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/gather.wgsl`.
     pub struct GatherParameters {
-        first: u32,
+        first_record: u32,
         count: u32,
         rings: u32,
         sectors: u32,
+        earlier_rays: u32,
         max_bounces: u32,
         seed: u32,
-        first_record: u32,
         height: u32,
+    }
+}
+
+shared_struct! {
+    /// Where a record lies; see `shaders/gather.wgsl`.
+    pub struct RecordOrigin {
+        position: [f32; 3],
+        geometric: u32,
+        normal: u32,
+        inverse_distance: f32,
+        padding: [u32; 2],
     }
 }
 
@@ -26,11 +41,13 @@ bindings! {
     struct GatherBindings {
         pub counters: &Buffer,
         pub wanted: &Buffer,
+        pub wave_points: &Buffer,
         pub gathered: &Buffer,
         pub follow_count: &Buffer,
         pub follow_arguments: &Buffer,
         pub follow_rays: &Buffer,
         pub follow_hits: &Buffer,
+        pub record_origins: &Buffer,
         pub record_heads: &Buffer,
         pub record_values: &Buffer,
     }
@@ -60,8 +77,101 @@ const BATCH_RAYS: u32 = 1 << 18;
 /// The pass; see `shaders/gather.wgsl`.
 pub struct Gather(Kernel);
 
+/// Records on the device.
+#[derive(Clone)]
+pub struct RecordBuffers {
+    /// [`RecordOrigin`]s.
+    pub origins: Buffer,
+    /// [`RecordHead`]s, as the last wave wrote them.
+    pub heads: Buffer,
+    /// Irradiance and gradients; see `shaders/lib/record.wgsl`.
+    pub values: Buffer,
+    /// Words of the values of a record.
+    value_words: usize,
+}
+
+/// Words of a [`RecordOrigin`].
+const ORIGIN_WORDS: usize = size_of::<RecordOrigin>() / size_of::<u32>();
+
+impl RecordBuffers {
+    /// Room for `records` records; values in whole rows of a table. Kernels of `features` with bent normals keep
+    /// rotational gradients too.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn new(gpu: &Gpu, features: &Features, records: u32) -> Result<RecordBuffers> {
+        let bent = features.has(Feature::SmoothNormals) || features.has(Feature::NormalMaps);
+        let texels = if bent { RECORD_VALUE_TEXELS_CURVED } else { RECORD_VALUE_TEXELS_FLAT } as usize;
+        let records = records as usize;
+        Ok(RecordBuffers {
+            origins: gpu.buffer::<RecordOrigin>("penumbra/gather/origins", records)?,
+            heads: gpu.buffer::<RecordHead>("penumbra/gather/record_heads", records)?,
+            values: gpu.buffer::<[f32; 4]>("penumbra/cache/values", whole_rows(records * texels))?,
+            value_words: 4 * texels,
+        })
+    }
+
+    /// Keeps the origins and values of some of `all` records, in their order.
+    ///
+    /// # Errors
+    /// As [`Gpu::read`].
+    pub fn keep(&self, gpu: &Gpu, kept: &[usize], all: usize) -> Result<()> {
+        for (buffer, size) in [(&self.origins, ORIGIN_WORDS), (&self.values, self.value_words)] {
+            let state = gpu.read::<u32>(buffer, size * all)?;
+            let some: Vec<u32> = kept.iter().flat_map(|i| &state[size * i..][..size]).copied().collect();
+            gpu.write(buffer, &some);
+        }
+        Ok(())
+    }
+
+    /// Bytes of all of them.
+    pub fn bytes(&self) -> u64 {
+        self.origins.bytes + self.heads.bytes + self.values.bytes
+    }
+}
+
+/// Rays that records get together. Both numbers are powers of two, or `earlier` is 0; and `rays` is at most `earlier`
+/// unless that is 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wave {
+    /// Rays that each record has.
+    pub earlier: u32,
+    /// Rays that each gets.
+    pub rays: u32,
+}
+
+impl Wave {
+    /// Numbers of rings and sectors that divide the hemisphere into a stratum for each ray, about as wide as it is high
+    /// (Ward and Heckbert 1992: pi times as many sectors as rings): both are powers of two.
+    pub fn strata(self) -> [u32; 2] {
+        let levels = self.rays.ilog2();
+        // Twice or four times as many sectors as rings.
+        let rings = (levels.saturating_sub(1)) / 2;
+        [1 << rings, 1 << (levels - rings)]
+    }
+
+    /// The points of the unit square of its rays, by stratum, as fractions of 2^32: numbers `earlier` to
+    /// `earlier + rays` of the first two dimensions of the Sobol sequence. That is a (0, 2)-sequence (Niederreiter
+    /// 1987): each stratum has one of them, and with those of the earlier waves each stratum of finer divisions.
+    pub fn points(self) -> Vec<[u32; 2]> {
+        let directions = sobol::directions();
+        let [rings, sectors] = self.strata();
+        let mut points = vec![[0; 2]; self.rays as usize];
+        for number in self.earlier..self.earlier + self.rays {
+            let mut point = [0; 2];
+            for bit in (0..32).filter(|bit| number >> bit & 1 == 1) {
+                point = [point[0] ^ directions[bit][0], point[1] ^ directions[bit][1]];
+            }
+            let stratum = |x: u32, strata: u32| (u64::from(x) * u64::from(strata) >> 32) as usize;
+            points[stratum(point[1], sectors) * rings as usize + stratum(point[0], rings)] = point;
+        }
+        points
+    }
+}
+
 /// The pass, bound, with its buffers.
 pub struct BoundGather {
+    place: BoundKernel,
     gather: BoundKernel,
     arrange_follow: BoundKernel,
     follow: BoundKernel,
@@ -70,7 +180,7 @@ pub struct BoundGather {
     heads: Buffer,
     follow_count: Buffer,
     follow_arguments: Buffer,
-    strata: [u32; 2],
+    wave: Wave,
 }
 
 impl Gather {
@@ -82,7 +192,7 @@ impl Gather {
         Ok(Gather(kernel(gpu, "gather", features, constants, &[GatherBindings::DECLARED])?))
     }
 
-    /// Binds it to a tile's buffers, for records of about `rays` rays whose values go to `values`.
+    /// Binds it to a tile's buffers, for a wave of rays of records.
     ///
     /// # Errors
     /// As [`Kernel::bind`] and [`Gpu::buffer`].
@@ -90,41 +200,42 @@ impl Gather {
         &self,
         gpu: &Gpu,
         tile: &TileBuffers,
-        rays: u32,
-        values: &Buffer,
+        wave: Wave,
+        records: &RecordBuffers,
         scene: &[&dyn Bindings],
     ) -> Result<BoundGather> {
-        let strata = strata(rays);
-        let rays = BATCH_RAYS.max(strata[0] * strata[1]) as usize;
+        let rays = BATCH_RAYS.max(wave.rays) as usize;
         let points = tile.capacity() as usize;
         let wanted = gpu.buffer::<u32>("penumbra/gather/wanted", points)?;
-        let heads = gpu.buffer::<RecordHead>("penumbra/gather/record_heads", points)?;
         let follow_count = gpu.buffer::<u32>("penumbra/gather/follow_count", 1)?;
         let follow_arguments = gpu.buffer::<u32>("penumbra/gather/follow_arguments", 3)?;
         let own = GatherBindings {
             counters: &tile.counters,
             wanted: &wanted,
+            wave_points: &gpu.upload("penumbra/gather/wave_points", &wave.points())?,
             gathered: &gpu.buffer::<[f32; 4]>("penumbra/gather/gathered", rays)?,
             follow_count: &follow_count,
             follow_arguments: &follow_arguments,
             follow_rays: &gpu.buffer::<u32>("penumbra/gather/follow_rays", rays)?,
             follow_hits: &gpu.buffer::<[f32; 4]>("penumbra/gather/follow_hits", rays)?,
-            record_heads: &heads,
-            record_values: values,
+            record_origins: &records.origins,
+            record_heads: &records.heads,
+            record_values: &records.values,
         };
         let mut sets: Vec<&dyn Bindings> = vec![&own, tile];
         sets.extend(scene);
         let entry = |name: &str| self.0.bind(gpu, name, &sets);
         Ok(BoundGather {
+            place: entry("place")?,
             gather: entry("gather")?,
             arrange_follow: entry("arrange_follow")?,
             follow: entry("follow")?,
             record: entry("record")?,
             wanted,
-            heads,
+            heads: records.heads.clone(),
             follow_count,
             follow_arguments,
-            strata,
+            wave,
         })
     }
 }
@@ -134,50 +245,98 @@ impl Gather {
 pub struct GatherSettings {
     /// Maximum number of bounces of indirect light.
     pub max_bounces: u32,
-    /// Seed of the render.
+    /// Seed of the render: the same for all waves, whose rays are stratified together.
     pub seed: u32,
     /// Height of the image in pixels.
     pub height: u32,
 }
 
 impl BoundGather {
-    /// Rays of a record: one for each stratum.
+    /// Rays that each record gets.
     pub fn rays(&self) -> u32 {
-        self.strata[0] * self.strata[1]
+        self.wave.rays
     }
 
-    /// Gathers records at the tile's points `wanted` and returns their heads. Their values follow those of the `before`
-    /// earlier records.
+    fn parameters(&self, records: &Range<u32>, settings: GatherSettings) -> GatherParameters {
+        let ([rings, sectors], earlier_rays) = (self.wave.strata(), self.wave.earlier);
+        let GatherSettings { max_bounces, seed, height } = settings;
+        let (first_record, count) = (records.start, records.len() as u32);
+        GatherParameters { first_record, count, rings, sectors, earlier_rays, max_bounces, seed, height }
+    }
+
+    /// Places new records at the tile's points `wanted`, after the `before` earlier ones, and gathers the wave at them.
+    /// Returns their heads.
     ///
     /// # Errors
     /// As [`Gpu::check`].
-    pub fn gather(&self, gpu: &Gpu, wanted: &[u32], before: u32, settings: GatherSettings) -> Result<Vec<RecordHead>> {
+    pub fn place(&self, gpu: &Gpu, wanted: &[u32], before: u32, settings: GatherSettings) -> Result<Vec<RecordHead>> {
         gpu.write(&self.wanted, wanted);
-        let [rings, sectors] = self.strata;
-        let rays = rings * sectors;
-        let batch = (BATCH_RAYS / rays).max(1);
-        let wanted = wanted.len() as u32;
-        for first in (0..wanted).step_by(batch as usize) {
-            let count = batch.min(wanted - first);
-            let GatherSettings { max_bounces, seed, height } = settings;
-            let first_record = before + first;
-            let parameters = GatherParameters { first, count, rings, sectors, max_bounces, seed, first_record, height };
+        let records = before..before + wanted.len() as u32;
+        let mut frame = gpu.frame("gather");
+        frame.run(&self.place, wanted.len() as u32, &self.parameters(&records, settings));
+        frame.submit()?;
+        self.gather(gpu, records, settings)
+    }
+
+    /// Gathers the wave at the records, and returns their heads.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn gather(&self, gpu: &Gpu, records: Range<u32>, settings: GatherSettings) -> Result<Vec<RecordHead>> {
+        let batch = (BATCH_RAYS / self.wave.rays).max(1);
+        for first in records.clone().step_by(batch as usize) {
+            let part = first..(first + batch).min(records.end);
+            let parameters = self.parameters(&part, settings);
             let mut frame = gpu.frame("gather");
             frame.clear(&self.follow_count);
-            frame.run(&self.gather, count * rays, &parameters);
+            frame.run(&self.gather, parameters.count * self.wave.rays, &parameters);
             frame.run(&self.arrange_follow, 1, &parameters);
             frame.run_indirect(&self.follow, &self.follow_arguments, 0, &parameters);
-            frame.run(&self.record, count, &parameters);
+            frame.run(&self.record, parameters.count, &parameters);
             frame.submit()?;
         }
-        Ok(gpu.read(&self.heads, wanted as usize)?)
+        let heads = gpu.read::<RecordHead>(&self.heads, records.end as usize)?;
+        Ok(heads[records.start as usize..].to_vec())
     }
 }
 
-/// Numbers of rings and sectors that divide the hemisphere into about `rays` strata, each as wide as it is high (Ward
-/// and Heckbert 1992: pi times as many sectors as rings).
-fn strata(rays: u32) -> [u32; 2] {
-    let rings = (f64::from(rays) / std::f64::consts::PI).sqrt().round().max(1.0);
-    let sectors = (f64::from(rays) / rings).round().max(1.0);
-    [rings as u32, sectors as u32]
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The number of points in each of the strata that divide the square into `columns` x `rows`.
+    fn counts(points: &[[u32; 2]], [columns, rows]: [u32; 2]) -> Vec<u32> {
+        let mut counts = vec![0; (columns * rows) as usize];
+        for point in points {
+            let [x, y] = [(point[0], columns), (point[1], rows)]
+                .map(|(x, strata)| (u64::from(x) * u64::from(strata) >> 32) as usize);
+            counts[y * columns as usize + x] += 1;
+        }
+        counts
+    }
+
+    /// Each stratum of a wave has the point that is listed for it; and each stratum of any division into as many as
+    /// there are rays has one point, of this wave and of all waves together.
+    #[test]
+    fn waves_are_stratified_by_themselves_and_together() {
+        let mut all = Vec::new();
+        for (earlier, rays) in [(0, 1), (1, 1), (2, 2), (4, 4), (8, 8), (16, 16), (32, 32), (64, 64), (128, 128)] {
+            let wave = Wave { earlier, rays };
+            let [rings, sectors] = wave.strata();
+            assert_eq!(rings * sectors, rays);
+            assert!(rays < 4 || (2..=4).contains(&(sectors / rings)), "{rings} x {sectors}");
+            let points = wave.points();
+            for (stratum, point) in points.iter().enumerate() {
+                let alone = counts(&[*point], [rings, sectors]);
+                assert_eq!(alone.iter().position(|count| *count == 1), Some(stratum), "{wave:?}");
+            }
+            all.extend(points.clone());
+            for (points, count) in [(&points, rays), (&all, earlier + rays)] {
+                for level in 0..=count.ilog2() {
+                    let counts = counts(points, [1 << level, count >> level]);
+                    assert!(counts.iter().all(|count| *count == 1), "{wave:?}, {} x {}", 1 << level, count >> level);
+                }
+            }
+        }
+    }
 }

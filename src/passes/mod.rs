@@ -89,6 +89,7 @@ pub const SHARED: &[&SharedStruct] = &[
     &fine_cells::FineCellView::SHARED,
     &flux::FluxParameters::SHARED,
     &gather::GatherParameters::SHARED,
+    &gather::RecordOrigin::SHARED,
     &grid::RequestedCell::SHARED,
     &grid::GridParameters::SHARED,
     &GridShape::SHARED,

@@ -190,7 +190,7 @@ impl Renderer<'_> {
     }
 
     /// Lists the pixels of a tile that get samples in the batch, if not all do, and returns their number.
-    fn list_pixels(&self, film: &TileFilm, batch: Option<&Batch>) -> u32 {
+    pub(super) fn list_pixels(&self, film: &TileFilm, batch: Option<&Batch>) -> u32 {
         let width = self.settings.image.part().width;
         let (Some(blocks), Some(batch), Some(sampled)) = (&self.blocks, batch, &self.buffers.sampled_pixels) else {
             return film.rows().len() as u32 * width;

@@ -1,6 +1,7 @@
 //! The blocks of pixels that adaptive sampling gives samples to: how many each has, and which ones are next. The
 //! samples of a block double each time, so that they remain stratified.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
@@ -93,6 +94,15 @@ impl Blocks {
         wanted.sort_by_key(|block| (self.samples[*block as usize], *block));
         let double = |block: u32| Next { block, target: self.samples[block as usize].saturating_mul(2).min(spp) };
         self.next = wanted.into_iter().map(double).collect();
+    }
+
+    /// All blocks, those of equal numbers of samples together.
+    pub fn by_samples(&self) -> impl Iterator<Item = Batch> + use<> {
+        let mut batches = BTreeMap::<u32, Vec<u32>>::new();
+        for (block, samples) in (0..).zip(&self.samples) {
+            batches.entry(*samples).or_default().push(block);
+        }
+        batches.into_iter().map(|(first_sample, blocks)| Batch { blocks, first_sample, missing: 0 })
     }
 
     /// Whether all blocks have the samples that were decided on.

@@ -16,7 +16,7 @@ use crate::statistics::totals::Totals;
 use crate::{Error, Result};
 
 /// The first bytes of every file; the number rises when the format changes.
-const MAGIC: &[u8] = b"penumbra checkpoint 6\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 7\n";
 
 /// Bytes of the digest of everything after it.
 const DIGEST: usize = 32;
@@ -28,6 +28,8 @@ pub(super) struct Header {
     /// Fingerprint of scene, camera, settings and version.
     pub fingerprint: String,
     pub samples: u32,
+    /// Of photons and gather rays.
+    pub stage: i32,
     pub blocks: Option<Blocks>,
     pub batches: u32,
     /// How the next batch is shaded.

@@ -44,11 +44,13 @@ pub struct Renderer<'g> {
     pub(super) notes: Vec<String>,
     pub(super) gpu_scene: GpuScene,
     pub(super) primary: BoundPrimary,
+    /// Kept to change samples that there are.
+    pub(super) film: Film,
     /// The parts that the technique's first pass made.
     pub(super) lighting: Lighting,
     /// Kept to make new photons and records.
     pub(super) indirect_kernels: IndirectKernels,
-    /// How many photons and gather rays there are; see `stages.rs`.
+    /// How many photons and gather rays there are so far; see `stages.rs`.
     pub(super) stage: i32,
     /// The global map of the first stage, for the next view: none while that is the map in use, and before the renderer
     /// looked a second time.
@@ -167,7 +169,7 @@ impl<'g> Renderer<'g> {
         totals.time_compile = start.elapsed().as_secs_f64();
         let features = &specialisation.features;
         let view = ViewOf { gpu, scene: &scene, gpu_scene: &gpu_scene, features, camera, settings };
-        let PreparedView { primary, lighting, indirect_kernels, buffers, tiles, tile_size, stage } =
+        let PreparedView { primary, film, lighting, indirect_kernels, buffers, tiles, tile_size, stage } =
             view.prepare(kernels, MadeMaps::default(), &mut totals)?;
 
         // A piece does not count first: highlights are at nearly all points where there are glossy surfaces.
@@ -183,6 +185,7 @@ impl<'g> Renderer<'g> {
             specialisation,
             gpu_scene,
             primary,
+            film,
             lighting,
             indirect_kernels,
             stage,
@@ -252,6 +255,7 @@ pub(super) struct ViewOf<'a> {
 /// The parts of a render that depend on its camera and on the size of its image.
 pub(super) struct PreparedView {
     pub primary: BoundPrimary,
+    pub film: Film,
     pub lighting: Lighting,
     pub indirect_kernels: IndirectKernels,
     pub buffers: TileBuffers,
@@ -270,7 +274,7 @@ impl ViewOf<'_> {
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
         let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
         let primary = primary.bind(gpu, &buffers, gpu_scene)?;
-        let stage = stage(settings, settings.image.range().first);
+        let stage = stage(settings, 0);
         let mut first_pass = FirstPass {
             shared: Shared { gpu, scene, gpu_scene, tile: &buffers },
             direct_kernels: direct,
@@ -291,7 +295,7 @@ impl ViewOf<'_> {
         totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
         totals.frame_bytes += lighting.frame_bytes();
         totals.time_render = start.elapsed().as_secs_f64();
-        Ok(PreparedView { primary, lighting, indirect_kernels, buffers, tiles, tile_size, stage })
+        Ok(PreparedView { primary, film, lighting, indirect_kernels, buffers, tiles, tile_size, stage })
     }
 }
 

@@ -45,6 +45,7 @@ impl Renderer<'_> {
             version: Header::version(),
             fingerprint: String::new(),
             samples: self.samples,
+            stage: self.stage,
             blocks: self.blocks.clone(),
             batches: self.batches,
             shade_at_once: self.shade_at_once,
@@ -112,7 +113,7 @@ impl Renderer<'_> {
         if !self.lighting.restore(&Shared { gpu, scene, gpu_scene, tile }, &map, &mut self.totals)? {
             return Err(damaged());
         }
-        self.refine_to(self.stage_for(self.settings.image.range().first + header.samples))?;
+        self.refine_to(header.stage)?;
         self.samples = header.samples;
         self.blocks.clone_from(&header.blocks);
         self.batches = header.batches;

@@ -8,7 +8,7 @@ use super::picture::Quantity;
 use crate::Result;
 use crate::light_transport::direct_light::{DirectLight, max_points};
 use crate::light_transport::shared::{TILE_POINTS, TILE_SAMPLES};
-use crate::passes::film::{Film, Plane};
+use crate::passes::film::{Change, Film, Plane};
 use crate::passes::{GuideSamples, Tile, TileBuffers};
 use crate::settings::{Aov, ImageSettings, Settings};
 use crate::specialisation::features::Features;
@@ -188,6 +188,26 @@ impl TileFilm {
         if samples.is_power_of_two() {
             self.parts.iter().for_each(|part| part.snapshots[samples.ilog2() as usize % 2].record(frame, tile));
         }
+    }
+
+    /// Adds a change of the indirect light to all samples so far of the tile's pixels.
+    pub fn correct(&self, gpu: &Gpu, film: &Film, frame: &mut Frame<'_>, change: Change<'_>) -> Result<()> {
+        let Some(indirect) = &self.indirect else { return Ok(()) };
+        if let Some(squares) = &self.squares {
+            film.correct_squares(gpu, frame, squares, &[&self.direct, indirect], &change)?;
+        }
+        let part = self.parts.get(1);
+        if let Some(squares) = part.and_then(|part| part.squares.as_ref()) {
+            film.correct_squares(gpu, frame, squares, &[indirect], &change)?;
+        }
+        film.correct(gpu, frame, indirect, &change)?;
+        let last = change.earlier_samples.ilog2();
+        let snapshots = part.into_iter().flat_map(|part| [last, last.saturating_sub(1)].map(|k| (k, part)));
+        for (k, part) in snapshots.take(last.min(1) as usize + 1) {
+            let of_snapshot = Change { earlier_samples: 1 << k, ..change };
+            film.correct(gpu, frame, &part.snapshots[k as usize % 2], &of_snapshot)?;
+        }
+        Ok(())
     }
 
     /// The rows of the rendered part that are in the tile.

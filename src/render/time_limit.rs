@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use super::batches::Progress;
 use super::renderer::Renderer;
+use super::stages::settings_of_stage;
 use crate::Result;
 
 /// Largest share of the time left that better indirect light may take: what it gains is in the samples that follow it.
@@ -55,6 +56,8 @@ impl Renderer<'_> {
 
     /// Expected seconds to make the indirect light of a stage.
     fn refinement_seconds(&self, stage: i32) -> f64 {
-        self.lighting.indirect.as_ref().map_or(0.0, |indirect| indirect.cost().after(stage - self.stage))
+        let rays = |stage: i32| settings_of_stage(&self.settings, stage).gather_rays();
+        let (waves, rays) = ((stage - self.stage) as u32, rays(stage) - rays(self.stage));
+        self.lighting.indirect.as_ref().map_or(0.0, |indirect| indirect.cost().of(waves, rays))
     }
 }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 use kernel_kit::{Binding, Bindings, Buffer, Gpu, POISON, Table, TableFormat, kernel_test, whole_rows};
-use penumbra::internal::passes::gather::{Gather, GatherSettings, RecordHead};
+use penumbra::internal::passes::gather::{Gather, GatherSettings, RecordBuffers, RecordHead, Wave};
 use penumbra::internal::passes::grid::{Grid, Photon, SortedPhotons};
 use penumbra::internal::passes::irradiance::irradiance_point_grid;
 use penumbra::internal::passes::{Point, TileBuffers};
@@ -23,8 +23,10 @@ use crate::rooms::point;
 use crate::stage::{Stage, oct_encode};
 use crate::statistics::{Random, mean_and_error, z_test};
 
-/// Approximate number of rays of a record.
-const RAYS: u32 = 256;
+/// The waves of a record with 256 rays.
+const AT_ONCE: &[Wave] = &[Wave { earlier: 0, rays: 256 }];
+const IN_WAVES: &[Wave] =
+    &[Wave { earlier: 0, rays: 64 }, Wave { earlier: 64, rays: 64 }, Wave { earlier: 128, rays: 128 }];
 
 /// Height of the image. The size of a pixel, the lower bound of distances, is then a few ten-thousandths.
 const HEIGHT: u32 = 8192;
@@ -128,11 +130,12 @@ struct Gathering<'a> {
     max_bounces: u32,
     /// Number of earlier records.
     before: u32,
+    waves: &'static [Wave],
 }
 
 impl<'a> Gathering<'a> {
     fn new(stage: &'a Stage, known: &'a Known) -> Self {
-        Gathering { stage, known, max_bounces: 64, before: 0 }
+        Gathering { stage, known, max_bounces: 64, before: 0, waves: AT_ONCE }
     }
 
     /// Gathers at the points `wanted` with each seed. Returns the records, and the number of rays that paths continued.
@@ -152,14 +155,20 @@ impl<'a> Gathering<'a> {
         tile.points = published(gpu, "test/points", &of_device);
         tile.surfaces = published(gpu, "test/surfaces", &surfaces);
         let count = (self.before as usize + wanted.len()) * vectors;
-        let values = gpu.poisoned::<[f32; 4]>("test/values", whole_rows(count + 1)).unwrap();
+        let end = self.before + wanted.len() as u32;
+        let mut buffers = RecordBuffers::new(gpu, features, end + 1).unwrap();
+        buffers.values = gpu.poisoned::<[f32; 4]>("test/values", whole_rows(count + 1)).unwrap();
         let pass = Gather::new(gpu, features, &self.stage.gpu_scene.constants()).unwrap();
         let sets: [&dyn Bindings; 2] = [&self.stage.gpu_scene, self.known];
-        let bound = pass.bind(gpu, &tile, RAYS, &values, &sets).unwrap();
+        let bound: Vec<_> =
+            self.waves.iter().map(|wave| pass.bind(gpu, &tile, *wave, &buffers, &sets).unwrap()).collect();
         let records = seeds.map(|seed| {
             let settings = GatherSettings { max_bounces: self.max_bounces, seed, height: HEIGHT };
-            let heads = bound.gather(gpu, wanted, self.before, settings).unwrap();
-            let mut values: Vec<[f32; 4]> = gpu.read(&values, count + 1).unwrap();
+            let mut heads = bound[0].place(gpu, wanted, self.before, settings).unwrap();
+            for later in &bound[1..] {
+                heads = later.gather(gpu, self.before..end, settings).unwrap();
+            }
+            let mut values: Vec<[f32; 4]> = gpu.read(&buffers.values, count + 1).unwrap();
             let first = self.before as usize * vectors;
             let others = values[..first].iter().chain(&values[count..]);
             assert!(others.flatten().all(|v| v.to_bits() == POISON), "values of other records are written");
@@ -209,13 +218,20 @@ fn records_are_closed_forms_of_a_ceiling(gpu: &Gpu) {
         (DVec3::new(-0.1, 0.05, 0.0), tilted),
     ];
     const SEEDS: u32 = 256;
-    let (by_seed, followed) = Gathering::new(&stage, &known).run(gpu, &points, &[0, 1, 2, 3], 0..SEEDS);
-    assert_eq!(followed, 0);
+    for waves in [AT_ONCE, IN_WAVES] {
+        let gathering = Gathering { waves, ..Gathering::new(&stage, &known) };
+        let (by_seed, followed) = gathering.run(gpu, &points, &[0, 1, 2, 3], 0..SEEDS);
+        assert_eq!(followed, 0);
+        are_closed_forms_of_a_ceiling(&by_seed, &points);
+    }
+}
+
+fn are_closed_forms_of_a_ceiling(by_seed: &[Vec<Record>], points: &[(DVec3, DVec3)]) {
     let of = |i: usize, what: &dyn Fn(&Record) -> f64| {
         let measured: Vec<f64> = by_seed.iter().map(|records| what(&records[i])).collect();
         mean_and_error(measured.iter().copied())
     };
-    for (i, (position, normal)) in points.into_iter().enumerate() {
+    for (i, (position, normal)) in points.iter().copied().enumerate() {
         let head = &by_seed[0][i].head;
         assert_eq!(Vec3::from(head.position), position.as_vec3());
         assert!(Vec3::from(head.normal).dot(normal.as_vec3()) > 1.0 - 1e-6);
@@ -346,6 +362,66 @@ fn near_points_are_not_looked_up(gpu: &Gpu) {
         // pi times 3 a / pi; half of it after one more bounce.
         let expected = if looked_up { 1.5 } else { 0.75 };
         assert!((measured - expected).abs() < 1e-4, "radius {radius}: {measured}");
+    }
+}
+
+/// A wave counts by its rays: earlier values, which the test puts in the place of those of the first wave, have their
+/// share, for light and distances.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn waves_add_up(gpu: &Gpu) {
+    let mut random = Random(6);
+    let ball = inside_out(sphere(DVec3::ZERO, 0.4, 40));
+    let stage = stage(gpu, &[(ball.clone(), surface(0.5, 0.0))], true);
+    let known = Known::new(gpu, &stage, &positions_on(&ball, 40_000, &mut random), 3.0, NEAR);
+    let (features, point_count) = (&stage.features, 65);
+    let mut tile = TileBuffers::new(gpu, features, point_count, true).unwrap();
+    tile.points = published(gpu, "test/points", &vec![point(Vec3::ZERO, Vec3::Y); point_count as usize]);
+    let surface = [0.5, 0.5, 0.5, f32::from_bits(oct_encode(DVec3::Y))];
+    tile.surfaces = published(gpu, "test/surfaces", &vec![surface; point_count as usize]);
+    let buffers = RecordBuffers::new(gpu, features, point_count).unwrap();
+    let pass = Gather::new(gpu, features, &stage.gpu_scene.constants()).unwrap();
+    let sets: [&dyn Bindings; 2] = [&stage.gpu_scene, &known];
+    let bind = |wave: &Wave| pass.bind(gpu, &tile, *wave, &buffers, &sets).unwrap();
+    let settings = GatherSettings { max_bounces: 64, seed: 7, height: HEIGHT };
+    let wanted: Vec<u32> = (0..point_count).collect();
+    bind(&IN_WAVES[0]).place(gpu, &wanted, 0, settings).unwrap();
+    let mut expected = 9.0;
+    gpu.write(&buffers.values, &vec![[0.0f32, 0.0, 0.0, expected as f32]; 6 * point_count as usize]);
+    for wave in &IN_WAVES[1..] {
+        let heads = bind(wave).gather(gpu, 0..point_count, settings).unwrap();
+        // pi times 3 a / pi of the wave's own rays.
+        let share = f64::from(wave.rays) / f64::from(wave.earlier + wave.rays);
+        let before = expected;
+        expected += share * (1.5 - expected);
+        let values: Vec<[f32; 4]> = gpu.read(&buffers.values, 6 * point_count as usize).unwrap();
+        for (head, values) in heads.iter().zip(values.chunks(6)) {
+            for channel in &values[..3] {
+                let close = |to: f64| (f64::from(channel[3]) - to).abs() < 1e-4;
+                assert!(close(expected), "{channel:?}, not {expected}");
+                assert!(!close(before) && !close(before + 0.4 * (1.5 - before)), "another share would do");
+            }
+            // Facets are up to 0.3 % nearer than the sphere.
+            assert!((head.distance - 0.4).abs() < 0.004, "{head:?}");
+        }
+    }
+}
+
+/// Records that are left out leave the others as they are, in their order.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn kept_records_keep_their_values(gpu: &Gpu) {
+    let stage = stage(gpu, &[(ceiling(), surface(CEILING, 0.0))], true);
+    for (all, kept) in [(0usize, vec![]), (1, vec![0]), (5, vec![]), (200, vec![0, 1, 77, 199])] {
+        let buffers = RecordBuffers::new(gpu, &stage.features, all.max(1) as u32).unwrap();
+        let words = |size: usize| -> Vec<u32> { (0..(size * all) as u32).map(|word| word * 2_654_435_761).collect() };
+        let of = |words: &[u32], size: usize| -> Vec<u32> {
+            kept.iter().flat_map(|i| words[i * size..][..size].to_vec()).collect()
+        };
+        let (origins, values) = (words(8), words(24));
+        gpu.write(&buffers.origins, &origins);
+        gpu.write(&buffers.values, &values);
+        buffers.keep(gpu, &kept, all).unwrap();
+        assert_eq!(gpu.read::<u32>(&buffers.origins, 8 * kept.len()).unwrap(), of(&origins, 8), "{all}");
+        assert_eq!(gpu.read::<u32>(&buffers.values, 24 * kept.len()).unwrap(), of(&values, 24), "{all}");
     }
 }
 
