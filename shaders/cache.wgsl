@@ -8,7 +8,7 @@
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{PI, oct_decode16};
 @if(glossy) import package::lib::bsdf::surface::reflects_beyond_diffuse;
-import package::lib::record::{Interpolated, interpolate_records};
+import package::lib::record::{Interpolated, NO_BLOCK, interpolate_records};
 import package::lib::point::{Point, VisibleSurface};
 import package::lib::visible_point::{load_point, load_surface};
 import package::lib::tile::Tile;
@@ -41,14 +41,16 @@ var<immediate> cache_pass: CacheParameters;
 // records, far out on their gradients.
 const MIN_WEIGHT = 0.3;
 
-fn interpolate_at(i: u32, surface: VisibleSurface, point: Point) -> Interpolated {
+// The light that the records give at point i. A lane without a point passes false for `wants`.
+fn interpolate_at(i: u32, surface: VisibleSurface, point: Point, wants: bool, lane: u32) -> Interpolated {
     @if(thin_lens) let film = clamp(film_position(point.position), vec2f(0.0), vec2f(1.0));
     @if(!thin_lens) let size = vec2f(f32(cache_pass.tile.width), f32(cache_pass.tile.height));
     @if(!thin_lens) let film = (vec2f(tile_pixel(cache_pass.tile, i)) + 0.5) / size;
     let last = vec2u(cache_pass.block_columns, cache_pass.block_rows) - 1u;
     let block = min(vec2u(film * cache_pass.blocks), last);
+    let index = select(NO_BLOCK, block.y * cache_pass.block_columns + block.x, wants);
     let normal = oct_decode16(bitcast<u32>(surface.packed.base.w));
-    return interpolate_records(block.y * cache_pass.block_columns + block.x, point.position, normal);
+    return interpolate_records(index, point.position, normal, lane);
 }
 
 // Whether the camera sees the point through a specular chain. The blocks list records by where the camera sees them
@@ -71,11 +73,11 @@ fn request(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= cache_pass.tile.point_count { return; }
     let point = load_point(i);
     let surface = load_surface(i);
-    if !reflects_diffusely(surface, point) || is_behind_chain(surface) { return; }
-    if interpolate_at(i, surface, point).weight < MIN_WEIGHT { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
+    let wants = i < cache_pass.tile.point_count && reflects_diffusely(surface, point) && !is_behind_chain(surface);
+    let found = interpolate_at(i, surface, point, wants, lane);
+    if wants && found.weight < MIN_WEIGHT { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
 }
 
 // Whether the surface is not Lambertian: it also reflects specularly, or transmits light.
@@ -93,16 +95,18 @@ fn interpolate(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= cache_pass.tile.point_count { return; }
     let point = load_point(i);
     let surface = load_surface(i);
+    let behind_chain = point.normal != INVALID_POINT && is_behind_chain(surface);
+    let wants = i < cache_pass.tile.point_count && reflects_diffusely(surface, point) && !behind_chain;
+    let found = interpolate_at(i, surface, point, wants, lane);
+    if i >= cache_pass.tile.point_count { return; }
     var light = vec4f(0.0, 0.0, 0.0, 1.0);
     var queued = reflects_beyond(surface, point);
-    if point.normal != INVALID_POINT && is_behind_chain(surface) {
+    if behind_chain {
         light = vec4f(0.0);
         queued = true;
-    } else if reflects_diffusely(surface, point) {
-        let found = interpolate_at(i, surface, point);
+    } else if wants {
         light = vec4f(surface.packed.base.xyz * found.irradiance * (1.0 / PI), 1.0);
         if found.weight <= 0.0 {
             light = vec4f(0.0);

@@ -96,7 +96,30 @@ impl Setup {
         self.features.has(Feature::SmoothNormals) || self.features.has(Feature::NormalMaps)
     }
 
+    /// The points next to each other, as those of a plane that the camera sees from above: most records in a block's
+    /// list reach none of neighbouring points.
+    fn on_a_plane(mut self) -> Setup {
+        let Tile { width, height, first_row, pixel_count, .. } = self.tile;
+        for (i, point) in self.points.iter_mut().enumerate() {
+            let pixel = i as u32 % pixel_count;
+            point.position[0] = (pixel % width) as f32 / width as f32 - 0.5;
+            point.position[1] = (first_row + pixel / width) as f32 / height as f32 - 0.5;
+        }
+        self
+    }
+
+    /// What the pass writes: where a subgroup interpolates at its points together, the same bits as where each lane
+    /// interpolates alone.
     fn run(&self, gpu: &Gpu) -> Outcome {
+        let outcome = self.run_with(gpu, &self.features);
+        let alone = self.run_with(gpu, &self.features.clone().with(Feature::Packets, false));
+        let bits = |outcome: &Outcome| outcome.radiance.iter().map(|light| light.map(f32::to_bits)).collect::<Vec<_>>();
+        assert_eq!(bits(&outcome), bits(&alone), "together and alone");
+        assert_eq!((&outcome.wanted, &outcome.path_points), (&alone.wanted, &alone.path_points), "together and alone");
+        outcome
+    }
+
+    fn run_with(&self, gpu: &Gpu, features: &Features) -> Outcome {
         let count = self.points.len();
         let vectors = if self.bent() { 6 } else { 3 };
         let mut values = vec![[f32::NAN; 4]; whole_rows(self.records.len() * vectors)];
@@ -114,7 +137,7 @@ impl Setup {
             self.records.iter().find(|record| record.head.position == head.position).and_then(|record| record.reach)
         };
         let gpu_scene = ViewRecords::new(gpu, &heads, &values, self.size, reach).unwrap();
-        let mut tile = TileBuffers::new(gpu, &self.features, self.tile.point_count, true).unwrap();
+        let mut tile = TileBuffers::new(gpu, features, self.tile.point_count, true).unwrap();
         let mut surfaces = Vec::new();
         for (i, albedo) in self.albedos.iter().enumerate() {
             surfaces.push(albedo.extend(f32::from_bits(oct_encode(shading_normal(i)))));
@@ -129,7 +152,7 @@ impl Setup {
         let mut buffers = CacheBuffers::new(gpu, self.tile.point_count).unwrap();
         buffers.path_points = gpu.poisoned::<u32>("test/path_points", count + 3).unwrap();
         buffers.path_arguments = gpu.poisoned::<u32>("test/arguments", 4).unwrap();
-        let pass = Cache::new(gpu, &self.features).unwrap();
+        let pass = Cache::new(gpu, features).unwrap();
         let bound = pass.bind(gpu, &tile, &buffers, &gpu_scene, &[]).unwrap();
         let mut frame = gpu.frame("test");
         bound.record_requests(&mut frame, &buffers, &self.tile);
@@ -296,6 +319,37 @@ fn light_is_that_of_all_records_in_reach(gpu: &Gpu) {
     assert!(doubts * 20 < checked && queued > 100 && queued + 100 < listed && listed + 1000 < checked);
 }
 
+/// The same for points that lie side by side, so that the records which reach none of a subgroup's points are left out:
+/// subgroups in one block and in several, with points that are missing, and lists of few records and of none.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn light_of_neighbouring_points_is_that_of_all_records_in_reach(gpu: &Gpu) {
+    let plain = device_features(gpu);
+    let bent = plain.clone().with(Feature::SmoothNormals, true).with(Feature::Glossy, true);
+    let mut random = Random(21);
+    let cases = [
+        ([64, 48], 600, 2, plain.clone()),
+        ([64, 48], 600, 1, bent.clone()),
+        ([61, 37], 600, 3, plain.clone()),
+        ([3, 43], 300, 1, bent.clone()),
+        ([65, 1], 9, 1, plain.clone()),
+        ([40, 40], 8, 1, bent.clone()),
+        ([40, 40], 1, 1, plain.clone()),
+        ([17, 9], 0, 1, bent),
+    ];
+    let (mut checked, mut doubts, mut covered) = (0, 0, 0);
+    for (size, records, layers, features) in cases {
+        let setup = setup(size, tile_of(size, 0, size[1], layers), records, features, &mut random).on_a_plane();
+        let outcome = setup.run(gpu);
+        let (wrong, doubtful) = setup.compare(&outcome);
+        assert_eq!(wrong, 0, "{size:?}, {records} records");
+        checked += setup.points.len();
+        doubts += doubtful;
+        covered += outcome.radiance.iter().filter(|light| light[0] > 0.0).count();
+    }
+    println!("{checked} points, {doubts} undecided, {covered} lit by records");
+    assert!(doubts * 20 < checked && covered * 2 > checked);
+}
+
 /// The comparison finds records that are moved, rotated, missing or too far-reaching, and gradients that are left out
 /// or not bounded.
 #[kernel_test("PENUMBRA_DEVICE")]
@@ -337,7 +391,8 @@ fn every_point_is_listed_past_the_dispatch_limit(gpu: &Gpu) {
     let points = vec![point(Vec3::ZERO, Vec3::Z); count];
     let albedos = vec![Vec3::ONE; count];
     let features = device_features(gpu).with(Feature::Indirect, true);
-    let outcome = Setup { size, tile, points, albedos, records: Vec::new(), features }.run(gpu);
+    let outcome =
+        Setup { size, tile, points, albedos, records: Vec::new(), features: features.clone() }.run_with(gpu, &features);
     assert!(outcome.wanted.iter().copied().eq(0..count as u32));
     assert!(outcome.path_points.iter().copied().eq(0..count as u32));
     assert!(outcome.radiance.iter().flatten().all(|v| *v == 0.0));
