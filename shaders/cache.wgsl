@@ -126,17 +126,15 @@ fn change(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= cache_pass.tile.point_count { return; }
     let point = load_point(i);
     let surface = load_surface(i);
     let before = radiance_indirect[i];
-    var difference = vec3f(0.0);
-    if before.w > 0.0 && reflects_diffusely(surface, point) {
-        let found = interpolate_at(i, surface, point);
-        let light = surface.packed.base.xyz * found.irradiance * (1.0 / PI);
-        if found.weight > 0.0 { difference = light - before.xyz; }
-    }
-    radiance_indirect[i] = vec4f(difference, 0.0);
+    let wants = i < cache_pass.tile.point_count && before.w > 0.0 && reflects_diffusely(surface, point);
+    let found = interpolate_at(i, surface, point, wants, lane);
+    if i >= cache_pass.tile.point_count { return; }
+    let light = surface.packed.base.xyz * found.irradiance * (1.0 / PI);
+    let changes = wants && found.weight > 0.0;
+    radiance_indirect[i] = vec4f(select(vec3f(0.0), light - before.xyz, changes), 0.0);
 }
 
 @compute @workgroup_size(1)

@@ -24,7 +24,7 @@ class Costs:
     start: float
     # For each piece with all samples of a tile: hierarchy, photons and irradiance records, of all stages.
     tile_set_up: float
-    # For each range of samples after the first: those of the last stage.
+    # For each range of samples after the first: those of all stages up to its first sample.
     range_set_up: float
     # For each sample of all pixels.
     sample: float
@@ -41,7 +41,7 @@ def processor() -> float:
     return times.user + times.system
 
 
-# Samples beyond the 128th, from which photons and irradiance records no longer grow (`src/render/stages.rs`).
+# Samples beyond the 192nd, from which photons and irradiance records no longer grow (`src/render/stages.rs`).
 FEW, MANY = 192, 384
 
 

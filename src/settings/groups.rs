@@ -275,7 +275,7 @@ pub struct IrradianceCacheSettings {
     /// Radius of a record over the harmonic mean distance of the surfaces around it (a of Ward and Heckbert 1992):
     /// smaller is more accurate. More than 0, at most [`Settings::MAX_ACCURACY`].
     pub accuracy: f32,
-    /// Approximate number of gather rays per record, 1 to [`Settings::MAX_GATHER_RAYS`]. `None`: as many as
+    /// Gather rays per record, 1 to [`Settings::MAX_GATHER_RAYS`], rounded up to a power of two. `None`: as many as
     /// [`Settings::gather_rays`] says.
     pub gather_rays: Option<u32>,
 }

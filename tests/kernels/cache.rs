@@ -85,6 +85,13 @@ fn setup(size: [u32; 2], tile: Tile, record_count: usize, features: Features, ra
     Setup { size, tile, points, albedos, records, features: features.with(Feature::Indirect, true) }
 }
 
+/// The same points without records.
+fn setup_like(other: &Setup) -> Setup {
+    let Setup { size, tile, points, albedos, features, .. } = other;
+    let (points, albedos) = (points.clone(), albedos.clone());
+    Setup { size: *size, tile: *tile, points, albedos, records: Vec::new(), features: features.clone() }
+}
+
 /// The point's shading normal, which differs from its geometric normal.
 fn shading_normal(i: usize) -> DVec3 {
     let angle = i as f64 * 0.37;
@@ -108,19 +115,7 @@ impl Setup {
         self
     }
 
-    /// What the pass writes: where a subgroup interpolates at its points together, the same bits as where each lane
-    /// interpolates alone.
-    fn run(&self, gpu: &Gpu) -> Outcome {
-        let outcome = self.run_with(gpu, &self.features);
-        let alone = self.run_with(gpu, &self.features.clone().with(Feature::Packets, false));
-        let bits = |outcome: &Outcome| outcome.radiance.iter().map(|light| light.map(f32::to_bits)).collect::<Vec<_>>();
-        assert_eq!(bits(&outcome), bits(&alone), "together and alone");
-        assert_eq!((&outcome.wanted, &outcome.path_points), (&alone.wanted, &alone.path_points), "together and alone");
-        outcome
-    }
-
-    fn run_with(&self, gpu: &Gpu, features: &Features) -> Outcome {
-        let count = self.points.len();
+    fn view_records(&self, gpu: &Gpu) -> ViewRecords {
         let vectors = if self.bent() { 6 } else { 3 };
         let mut values = vec![[f32::NAN; 4]; whole_rows(self.records.len() * vectors)];
         for (values, record) in values.chunks_mut(vectors).zip(&self.records) {
@@ -136,7 +131,28 @@ impl Setup {
         let reach = |head: &RecordHead| {
             self.records.iter().find(|record| record.head.position == head.position).and_then(|record| record.reach)
         };
-        let gpu_scene = ViewRecords::new(gpu, &heads, &values, self.size, reach).unwrap();
+        ViewRecords::new(gpu, &heads, &values, self.size, reach).unwrap()
+    }
+
+    /// What the pass writes: where a subgroup interpolates at its points together, the same bits as where each lane
+    /// interpolates alone.
+    fn run(&self, gpu: &Gpu) -> Outcome {
+        let outcome = self.run_with(gpu, &self.features);
+        let alone = self.run_with(gpu, &self.features.clone().with(Feature::Packets, false));
+        let bits = |outcome: &Outcome| outcome.radiance.iter().map(|light| light.map(f32::to_bits)).collect::<Vec<_>>();
+        assert_eq!(bits(&outcome), bits(&alone), "together and alone");
+        assert_eq!((&outcome.wanted, &outcome.path_points), (&alone.wanted, &alone.path_points), "together and alone");
+        outcome
+    }
+
+    fn run_with(&self, gpu: &Gpu, features: &Features) -> Outcome {
+        self.run_after(gpu, features, None)
+    }
+
+    /// With other records `before`, the radiance is what these change of it.
+    fn run_after(&self, gpu: &Gpu, features: &Features, before: Option<&Setup>) -> Outcome {
+        let count = self.points.len();
+        let records = self.view_records(gpu);
         let mut tile = TileBuffers::new(gpu, features, self.tile.point_count, true).unwrap();
         let mut surfaces = Vec::new();
         for (i, albedo) in self.albedos.iter().enumerate() {
@@ -153,10 +169,15 @@ impl Setup {
         buffers.path_points = gpu.poisoned::<u32>("test/path_points", count + 3).unwrap();
         buffers.path_arguments = gpu.poisoned::<u32>("test/arguments", 4).unwrap();
         let pass = Cache::new(gpu, features).unwrap();
-        let bound = pass.bind(gpu, &tile, &buffers, &gpu_scene, &[]).unwrap();
+        let bind = |records: &ViewRecords| pass.bind(gpu, &tile, &buffers, records, &[]).unwrap();
+        let bound = bind(&records);
+        let before = before.map(|before| bind(&before.view_records(gpu)));
         let mut frame = gpu.frame("test");
         bound.record_requests(&mut frame, &buffers, &self.tile);
-        bound.record_interpolate(&mut frame, &buffers, &self.tile);
+        match before {
+            Some(before) => bound.record_change(&mut frame, &before, &buffers, &self.tile),
+            None => bound.record_interpolate(&mut frame, &buffers, &self.tile),
+        }
         frame.submit().unwrap();
         let mut radiance: Vec<[f32; 4]> = gpu.read(tile.radiance_indirect.as_ref().unwrap(), count + 3).unwrap();
         let beyond = radiance.split_off(count);
@@ -348,6 +369,32 @@ fn light_of_neighbouring_points_is_that_of_all_records_in_reach(gpu: &Gpu) {
     }
     println!("{checked} points, {doubts} undecided, {covered} lit by records");
     assert!(doubts * 20 < checked && covered * 2 > checked);
+}
+
+/// A change is the difference of the light by two sets of records, to the bit, and 0 where either leaves a point to a
+/// path.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn changes_are_differences(gpu: &Gpu) {
+    let plain = device_features(gpu);
+    let bent = plain.clone().with(Feature::SmoothNormals, true).with(Feature::Glossy, true);
+    let mut random = Random(31);
+    let (mut changed, mut left) = (0, 0);
+    for (size, records, features) in [([70, 45], 300, plain.clone()), ([65, 1], 60, bent.clone()), ([1, 1], 0, plain)] {
+        let mut before = setup(size, tile_of(size, 0, size[1], 1), records, features.clone(), &mut random).on_a_plane();
+        let after = Setup { records: before.records.clone(), ..setup_like(&before) };
+        before.records.iter_mut().skip(1).step_by(2).for_each(|record| record.irradiance *= 0.5);
+        before.records.iter_mut().skip(2).step_by(9).for_each(|record| record.reach = None);
+        let [old, new] = [&before, &after].map(|setup| setup.run_with(gpu, &setup.features).radiance);
+        let change = after.run_after(gpu, &after.features, Some(&before)).radiance;
+        for (i, ((old, new), change)) in old.iter().zip(&new).zip(&change).enumerate() {
+            let covered = old[3] > 0.0 && new[3] > 0.0;
+            let difference = [0, 1, 2].map(|c| if covered { new[c] - old[c] } else { 0.0 });
+            assert_eq!(change[..], [difference[0], difference[1], difference[2], 0.0], "point {i} of {size:?}");
+            changed += usize::from(difference != [0.0; 3]);
+            left += usize::from(!covered && old[..3] != new[..3]);
+        }
+    }
+    assert!(changed > 500 && left > 20, "{changed} points change, {left} are left to paths: the test proves nothing");
 }
 
 /// The comparison finds records that are moved, rotated, missing or too far-reaching, and gradients that are left out

@@ -3,7 +3,7 @@
 use glam::DVec4;
 use kernel_kit::{Buffer, Gpu, kernel_test};
 use penumbra::internal::passes::Tile;
-use penumbra::internal::passes::film::{Film, Inputs, Plane};
+use penumbra::internal::passes::film::{Change, Film, Inputs, Plane};
 use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 
@@ -307,5 +307,64 @@ fn sums_near_overflow_are_counted(gpu: &Gpu) {
         let mut counts = [0u32; Counter::COUNT];
         counts[Counter::NearOverflow as usize] = expected;
         assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), counts);
+    }
+}
+
+/// Samples that change have the sums, and the squares of two parts, of samples that were so from the beginning; at the
+/// edges of workgroups, with samples that were left out, and with changes that are not finite, which change nothing.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn changed_samples_are_as_if_they_had_been_so(gpu: &Gpu) {
+    let film = film(gpu);
+    let mut random = Random(17);
+    const LAYERS: usize = 7;
+    for pixels in [1usize, 63, 64, 65, 300] {
+        let mut sample = || -> [f32; 4] { std::array::from_fn(|_| random.uniform() as f32) };
+        let mut direct: Samples = (0..pixels * LAYERS).map(|_| sample()).collect();
+        let mut indirect: Samples = (0..pixels * LAYERS).map(|_| sample()).collect();
+        let mut change: Samples = (0..pixels).map(|_| sample().map(|x| x - 0.5)).collect();
+        change[pixels / 2][1] = f32::NAN;
+        // Both parts, as the squares of a sample are left out with it.
+        (direct[0][0], indirect[0][0]) = (f32::INFINITY, f32::INFINITY);
+        let upload = |samples: &Samples| gpu.upload("test/samples", samples).unwrap();
+        let (of_direct, of_indirect, of_change) = (upload(&direct), upload(&indirect), upload(&change));
+        let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+        let inputs = inputs(&counters);
+        let plane = |samples: &Buffer| film.plane(gpu, pixels as u32, samples, inputs).unwrap();
+        let (direct_sums, sums) = (plane(&of_direct), plane(&of_indirect));
+        let parts = [&of_direct, &of_indirect];
+        let squares = film.plane_of_squares(gpu, pixels as u32, parts, inputs).unwrap();
+        for plane in [&direct_sums, &sums, &squares] {
+            add(gpu, plane, &tile(pixels as u32, LAYERS as u32), 0);
+        }
+        let earlier_samples = LAYERS as u32;
+        let changes = Change { change: &of_change, pixel_count: pixels as u32, earlier_samples, inputs };
+        let mut frame = gpu.frame("test");
+        film.correct_squares(gpu, &mut frame, &squares, &[&direct_sums, &sums], &changes).unwrap();
+        film.correct(gpu, &mut frame, &sums, &changes).unwrap();
+        frame.submit().unwrap();
+
+        let changed = |by: f32| -> Samples {
+            let with = |(i, x): (usize, &[f32; 4])| {
+                let change = change[i % pixels];
+                let change = if finite(&change) { change.map(|c| by * c) } else { [0.0; 4] };
+                std::array::from_fn(|c| x[c] + change[c])
+            };
+            indirect.iter().enumerate().map(with).collect()
+        };
+        let square = |indirect: &Samples| -> Samples {
+            let whole = |(d, i): (&[f32; 4], &[f32; 4])| std::array::from_fn(|c| (d[c] + i[c]) * (d[c] + i[c]));
+            direct.iter().zip(indirect).map(whole).collect()
+        };
+        let got = [&sums, &squares].map(|plane| plane.means(gpu, LAYERS as u32).unwrap());
+        // Sums of some samples of about 1 in f32, of which changes may take nearly all. w has no compensation.
+        let largest = |by: f32| {
+            let expected = [means(changed(by).iter(), pixels), means(square(&changed(by)).iter(), pixels)];
+            let off = |(g, e): (&DVec4, &DVec4)| (*g - *e).abs().max_element();
+            got.iter().zip(&expected).map(|(g, e)| g.iter().zip(e).map(off).fold(0.0, nan_max)).fold(0.0, nan_max)
+        };
+        assert!(largest(1.0) < 2e-6, "{pixels} pixels: {}", largest(1.0));
+        if pixels > 2 {
+            assert!(largest(0.9) > 1e-2 && largest(0.0) > 1e-2, "changes make no difference: the test proves nothing");
+        }
     }
 }

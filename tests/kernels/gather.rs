@@ -202,9 +202,9 @@ fn from_ceiling(position: DVec3, normal: DVec3) -> f64 {
 }
 
 /// A floor under a bright ceiling: irradiance by Lambert's formula, and both gradients by its central differences. The
-/// tolerance of the translational gradient is a tenth of the largest one: rings of strata are a ninth of the way to the
-/// horizon wide, and an edge of the ceiling moves as if it lay between two of them. The rotational gradient does not
-/// depend on such edges, and has a tolerance of a fiftieth.
+/// tolerance of the translational gradient is nine tenths of a ring of strata, whose width is a part of the way to the
+/// horizon: an edge of the ceiling moves as if it lay between two of them. The rotational gradient does not depend on
+/// such edges, and has a tolerance of a fiftieth.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn records_are_closed_forms_of_a_ceiling(gpu: &Gpu) {
     let mut random = Random(1);
@@ -222,11 +222,15 @@ fn records_are_closed_forms_of_a_ceiling(gpu: &Gpu) {
         let gathering = Gathering { waves, ..Gathering::new(&stage, &known) };
         let (by_seed, followed) = gathering.run(gpu, &points, &[0, 1, 2, 3], 0..SEEDS);
         assert_eq!(followed, 0);
-        are_closed_forms_of_a_ceiling(&by_seed, &points);
+        // The part of the way to the horizon that a ring takes, in the mean of all rays.
+        let of_wave = |wave: &Wave| f64::from(wave.rays) / f64::from(wave.strata()[0]);
+        let all: u32 = waves.iter().map(|wave| wave.rays).sum();
+        let ring = waves.iter().map(of_wave).sum::<f64>() / f64::from(all);
+        are_closed_forms_of_a_ceiling(&by_seed, &points, ring);
     }
 }
 
-fn are_closed_forms_of_a_ceiling(by_seed: &[Vec<Record>], points: &[(DVec3, DVec3)]) {
+fn are_closed_forms_of_a_ceiling(by_seed: &[Vec<Record>], points: &[(DVec3, DVec3)], ring: f64) {
     let of = |i: usize, what: &dyn Fn(&Record) -> f64| {
         let measured: Vec<f64> = by_seed.iter().map(|records| what(&records[i])).collect();
         mean_and_error(measured.iter().copied())
@@ -264,13 +268,13 @@ fn are_closed_forms_of_a_ceiling(by_seed: &[Vec<Record>], points: &[(DVec3, DVec
                 slopes[k], rotations[k]
             );
             for (name, measured, error, expected, scale) in [
-                ("along", slope, slope_error + 0.1 / 4.0 * scales[0], slopes[k], scales[0]),
+                ("along", slope, slope_error + 0.9 * ring / 4.0 * scales[0], slopes[k], scales[0]),
                 ("about", rotation, rotation_error + 0.02 / 4.0 * scales[1], rotations[k], scales[1]),
             ] {
                 z_test(measured, error, expected, 16).unwrap_or_else(|e| panic!("{i}, {name} {}: {e}", axes[k]));
                 if expected.abs() > 0.5 * scale {
                     z_test(-measured, error, expected, 16).expect_err("the other way");
-                    z_test(1.3 * measured, error, expected, 16).expect_err("three tenths too much");
+                    z_test((1.0 + 3.0 * ring) * measured, error, expected, 16).expect_err("much too much");
                 }
             }
         }
@@ -359,9 +363,10 @@ fn near_points_are_not_looked_up(gpu: &Gpu) {
         // vertex.
         assert_eq!(rays == 0, looked_up, "radius {radius}: {rays} rays");
         let measured = by_seed[0][0].irradiance();
-        // pi times 3 a / pi; half of it after one more bounce.
-        let expected = if looked_up { 1.5 } else { 0.75 };
-        assert!((measured - expected).abs() < 1e-4, "radius {radius}: {measured}");
+        // pi times 3 a / pi; half of it after one more bounce. Two of 256 rays may be so short again that there is a
+        // third bounce, which halves what they bring.
+        let (expected, off) = if looked_up { (1.5, 1e-4) } else { (0.75, 0.75 * 2.0 / 512.0 + 1e-4) };
+        assert!((measured - expected).abs() < off, "radius {radius}: {measured}");
     }
 }
 
