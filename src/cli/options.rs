@@ -736,18 +736,13 @@ impl EarlierOptions {
     }
 }
 
-/// One of the techniques, by name.
-pub fn techniques() -> impl TypedValueParser<Value = Technique> {
-    PossibleValuesParser::new(Technique::all().map(possible)).try_map(|name| name.parse())
-}
-
 /// A technique; none for `auto`.
 #[derive(Clone, Copy)]
 struct TechniqueChoice(Option<Technique>);
 
 /// One of the techniques, by name, or `auto`.
 fn technique_or_auto() -> impl TypedValueParser<Value = TechniqueChoice> {
-    let help = "shadow-photons, or path if --time is too short for photons";
+    let help = "shadow-photons, or path if the time is too short for photons";
     let auto = PossibleValue::new("auto").help(help);
     PossibleValuesParser::new(std::iter::once(auto).chain(Technique::all().map(possible)))
         .map(|name| TechniqueChoice(name.parse().ok()))
@@ -772,15 +767,15 @@ impl TypedValueParser for EntrantParser {
     ) -> std::result::Result<Entrant, clap::Error> {
         let text = value.to_string_lossy();
         let (technique, denoiser) = text.split_once('+').map_or((&*text, None), |(name, with)| (name, Some(with)));
-        let technique = techniques().parse(command, arg, OsString::from(technique))?;
-        let Some(denoiser) = denoiser else { return Ok(Entrant::raw(technique)) };
+        let TechniqueChoice(technique) = technique_or_auto().parse(command, arg, OsString::from(technique))?;
+        let Some(denoiser) = denoiser else { return Ok(Entrant { technique, denoise: Denoise::None }) };
         let denoisers = PossibleValuesParser::new(Entrant::denoisers().map(Denoise::name));
         let denoise = denoisers.try_map(|name| name.parse()).parse(command, arg, OsString::from(denoiser))?;
         Ok(Entrant { technique, denoise })
     }
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        Some(Box::new(Technique::all().map(possible)))
+        technique_or_auto().possible_values().map(|values| Box::new(values.collect::<Vec<_>>().into_iter()) as _)
     }
 }
 

@@ -9,7 +9,7 @@ use kernel_kit::Gpu;
 use penumbra::internal::render::film;
 use penumbra::internal::render::recovery;
 use penumbra::internal::report::classes::{Classes, Truth};
-use penumbra::internal::report::document::{EntrantReport, MIN_REPEATS, Overhead, Report};
+use penumbra::internal::report::document::{AutoReport, EntrantReport, MIN_REPEATS, Overhead, Report};
 use penumbra::internal::report::entrant::Entrant;
 use penumbra::internal::report::page::page;
 use penumbra::internal::report::plot;
@@ -43,7 +43,8 @@ pub struct Arguments {
     oidn: OidnOptions,
 
     /// Techniques to compare, separated by commas; +statistical, +oidn or +auto after a name compares its denoised
-    /// images, as in path,path+auto: see --denoise of `penumbra render`
+    /// images, as in path,path+auto: see --denoise of `penumbra render`. auto takes a technique for each budget, as
+    /// `penumbra render --time` does, and is compared with the best of the others
     #[arg(
         long,
         value_name = "LIST",
@@ -173,6 +174,8 @@ struct Schedule {
     budgets: Vec<f64>,
     /// Seconds of a run: the longest budget.
     longest: f64,
+    /// Seconds of a run of each entrant.
+    round: f64,
     /// Runs of each entrant.
     repeats: usize,
 }
@@ -185,9 +188,12 @@ impl Schedule {
         budgets.sort_by(f64::total_cmp);
         budgets.dedup();
         let longest = budgets.last().copied().unwrap_or(0.0);
-        let affordable = ((1.0 - SHARE_BESIDE_RUNS) * LENGTH / (entrants.len() as f64 * longest)) as usize;
+        // `auto` renders anew for each budget.
+        let automatic = entrants.iter().filter(|entrant| entrant.is_automatic()).count();
+        let round = (entrants.len() - automatic) as f64 * longest + automatic as f64 * budgets.iter().sum::<f64>();
+        let affordable = ((1.0 - SHARE_BESIDE_RUNS) * LENGTH / round) as usize;
         let repeats = arguments.repeats.unwrap_or(affordable.clamp(MIN_REPEATS, REPEATS));
-        Schedule { entrants, budgets, longest, repeats }
+        Schedule { entrants, budgets, longest, round, repeats }
     }
 
     /// The entrants with their denoisers.
@@ -200,15 +206,17 @@ impl Schedule {
 
     /// The techniques that classify points, each once.
     fn classifying(&self) -> impl Iterator<Item = Technique> {
-        let wanted = |technique: &Technique| self.entrants.iter().any(|entrant| entrant.technique == *technique);
+        let wanted = |technique: &Technique| self.entrants.iter().any(|entrant| entrant.technique == Some(*technique));
         Technique::all().filter(|technique| technique.classifies()).filter(wanted)
     }
 
     fn announce(&self, arguments: &Arguments) {
-        let Schedule { longest, repeats, .. } = *self;
-        let length = |repeats| duration((self.entrants.len() * repeats) as f64 * longest);
+        let Schedule { longest, round, repeats, .. } = *self;
+        let is_anew = self.entrants.iter().any(|entrant| entrant.is_automatic());
+        let anew = if is_anew { ", those of auto one for each budget" } else { "" };
+        let length = |repeats: usize| duration(repeats as f64 * round);
         arguments.tell(format!(
-            "{} runs of {longest} s: {}, and before that the reference where there is none, and a first run of \
+            "{} runs of {longest} s{anew}: {}, and before that the reference where there is none, and a first run of \
              each technique",
             self.entrants.len() * repeats,
             length(repeats)
@@ -318,7 +326,7 @@ impl Bench<'_> {
             if stop() {
                 return Ok(false);
             }
-            self.on(|subject| starter.warm_up(subject, schedule.longest))?;
+            self.on(|subject| starter.warm_up(subject, &schedule.budgets))?;
             self.arguments.tell(format!("{}: ready after {:.2} s", starter.entrant(), starter.warm_up));
         }
         Ok(true)
@@ -467,6 +475,19 @@ impl Arguments {
             write(&self.output.join(format!("savings-{setting}.svg")), &plot::savings(sweep)?)?;
         }
         reference.image.write_exr(&image)?;
+        for row in &report.auto {
+            let AutoReport { entrant, budget, relmse, best, best_relmse, ratio, .. } = row;
+            let taken: Vec<String> = row.techniques.iter().map(ToString::to_string).collect();
+            self.tell(format!(
+                "{entrant} within {budget} s: {}, relMSE {:.3e}; best {best}, {:.3e}; ratio {:.2} ({:.2} to {:.2})",
+                taken.join(" or "),
+                relmse.value,
+                best_relmse.value,
+                ratio.value,
+                ratio.low,
+                ratio.high
+            ));
+        }
         self.tell(format!("{}\nwrote {}", report.advice, html.display()));
         Ok(())
     }

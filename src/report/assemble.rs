@@ -6,8 +6,9 @@ use rayon::prelude::*;
 use super::advice::{LateEntrant, advice, budgets_too_short};
 use super::classes::Classes;
 use super::curve::Comparison;
-use super::document::{BASELINE, ComparisonReport, Overhead, ReferenceReport, Report, Row};
+use super::document::{AutoReport, BASELINE, ComparisonReport, Overhead, ReferenceReport, Report, Row, SnapshotReport};
 use super::entrant::Entrant;
+use super::interval::Interval;
 use super::measure::{MeasuredEntrant, Yardstick, budgets};
 use super::reference::Reference;
 use super::run::{Run, Snapshot};
@@ -34,7 +35,7 @@ impl Report {
         classes: Vec<Classes>,
     ) -> Result<Report> {
         let boundary = classes.first().map(Classes::mask);
-        let rows = measure(runs, Yardstick { reference, boundary: boundary.as_deref() })?;
+        let mut rows = measure(runs, Yardstick { reference, boundary: boundary.as_deref() })?;
         let mut measured = Vec::new();
         let mut late = Vec::new();
         for entrant in Entrant::all() {
@@ -49,6 +50,7 @@ impl Report {
             return Err(budgets_too_short(&late));
         }
         let comparisons = compare(&measured);
+        let auto = against_best(&measured, &mut rows);
         let map_left_out = runs.iter().find_map(|run| run.map_left_out.as_deref());
         let advice = advice(&measured, reference, &late, &comparisons, map_left_out);
         Ok(Report {
@@ -66,6 +68,7 @@ impl Report {
             runs: measured[0].curves.len(),
             entrants: measured.into_iter().map(|entrant| entrant.report).collect(),
             comparisons,
+            auto,
             classes,
             sweeps: Vec::new(),
             overhead: Overhead::default(),
@@ -96,4 +99,45 @@ fn compare(entrants: &[MeasuredEntrant]) -> Vec<ComparisonReport> {
         ComparisonReport { entrant: measured.entrant(), time, error_ratio, relmse: error, time_ratio }
     };
     others.map(compare).collect()
+}
+
+/// Compares each `auto` with the other entrant that has the smallest relMSE within each budget, if there is one.
+fn against_best(entrants: &[MeasuredEntrant], rows: &mut [Row]) -> Vec<AutoReport> {
+    // An image stays until there is a better one, so a budget without new samples has that of an earlier one.
+    let within = |measured: &MeasuredEntrant, budget: f64| -> Option<SnapshotReport> {
+        measured.report.snapshots.iter().rev().find(|snapshot| snapshot.budget <= budget).cloned()
+    };
+    let mut found = Vec::new();
+    for auto in entrants.iter().filter(|measured| measured.entrant().is_automatic()) {
+        for snapshot in &auto.report.snapshots {
+            let others = entrants.iter().filter(|measured| !measured.entrant().is_automatic());
+            let images = others.filter_map(|other| Some((other.entrant(), within(other, snapshot.budget)?)));
+            let Some((best, theirs)) = images.min_by(|a, b| a.1.relmse.value.total_cmp(&b.1.relmse.value)) else {
+                continue;
+            };
+            let relmses: Vec<(u32, f64)> = rows
+                .iter()
+                .filter(|row| row.entrant == best && row.budget == theirs.budget)
+                .map(|row| (row.seed, row.relmse))
+                .collect();
+            let mut ratios = Vec::new();
+            for row in rows.iter_mut().filter(|row| row.entrant == auto.entrant() && row.budget == snapshot.budget) {
+                if let Some((_, relmse)) = relmses.iter().find(|(seed, _)| *seed == row.seed) {
+                    let ratio = row.relmse / relmse;
+                    row.best = Some((best, ratio));
+                    ratios.push(ratio);
+                }
+            }
+            found.push(AutoReport {
+                entrant: auto.entrant(),
+                budget: snapshot.budget,
+                techniques: snapshot.techniques.clone(),
+                relmse: snapshot.relmse,
+                best,
+                best_relmse: theirs.relmse,
+                ratio: Interval::of_geometric_mean(&ratios),
+            });
+        }
+    }
+    found
 }

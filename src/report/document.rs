@@ -41,6 +41,8 @@ pub struct Report {
     pub entrants: Vec<EntrantReport>,
     /// Each entrant against `two-pass`.
     pub comparisons: Vec<ComparisonReport>,
+    /// Each `auto` against the best other entrant, at each budget.
+    pub auto: Vec<AutoReport>,
     /// The classes of the techniques that classify points.
     pub classes: Vec<Classes>,
     /// Effects of the settings that were swept.
@@ -112,6 +114,8 @@ pub struct TimeReport {
 pub struct SnapshotReport {
     /// The budget in seconds.
     pub budget: f64,
+    /// The techniques that rendered the images, each once: more than one only if the runs of `auto` differ.
+    pub techniques: Vec<Technique>,
     /// Seconds used.
     pub time: Interval,
     /// Samples per pixel.
@@ -158,6 +162,25 @@ pub struct ComparisonReport {
     pub time_ratio: Option<Interval>,
 }
 
+/// `auto` at a budget, against the other entrant with the smallest relMSE.
+#[derive(Clone, Debug, Serialize)]
+pub struct AutoReport {
+    /// `auto`, alone or with a denoiser.
+    pub entrant: Entrant,
+    /// The budget in seconds.
+    pub budget: f64,
+    /// The techniques that it took, each once.
+    pub techniques: Vec<Technique>,
+    /// Its relMSE.
+    pub relmse: Interval,
+    /// The other entrant.
+    pub best: Entrant,
+    /// The relMSE of that one's last image within the budget.
+    pub best_relmse: Interval,
+    /// `relmse` over `best_relmse`, run by run.
+    pub ratio: Interval,
+}
+
 /// Time that a report spends outside its runs.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Overhead {
@@ -175,6 +198,9 @@ pub struct Row {
     pub(super) entrant: Entrant,
     pub(super) seed: u32,
     pub(super) budget: f64,
+    pub(super) technique: Technique,
+    /// Of `auto`: the best other entrant at this budget, and the relMSE over that of its run with the same seed.
+    pub(super) best: Option<(Entrant, f64)>,
     pub(super) time: f64,
     /// The part of `time` in which the noise was removed.
     pub(super) denoise: f64,
@@ -195,11 +221,13 @@ impl Report {
     pub fn csv(&self) -> String {
         let mut text = "entrant,seed,budget,time,denoise,samples,rmse,relmse,estimate,mae,p99,flip,\
                         relmse_boundary,relmse_elsewhere,rays_camera,rays_photon,rays_cell,rays_shadow,rays_audit,\
-                        rays_bounce,rays_gather,rays_total\n"
+                        rays_bounce,rays_gather,rays_total,technique,best,relmse_over_best\n"
             .to_owned();
         let optional = |value: &Option<f64>| value.map_or(String::new(), |value| value.to_string());
         for row in &self.rows {
             let Row { entrant, seed, budget, time, denoise, samples, rmse, relmse, mae, p99, parts, rays, .. } = row;
+            let best = row.best.map_or(",".to_owned(), |(best, ratio)| format!("{best},{ratio}"));
+            let technique = row.technique;
             let [estimate, flip] = [&row.estimate, &row.flip].map(optional);
             let [boundary, elsewhere] = parts.map_or(Default::default(), |parts| parts.map(|x| x.to_string()));
             let Rays { camera, photon, cell, shadow, audit, bounce, gather, total } = rays;
@@ -207,7 +235,8 @@ impl Report {
             let _ = writeln!(
                 text,
                 "{entrant},{seed},{budget},{time},{denoise},{samples},{rmse},{relmse},{estimate},{mae},{p99},{flip},\
-                 {boundary},{elsewhere},{camera},{photon},{cell},{shadow},{audit},{bounce},{gather},{total}"
+                 {boundary},{elsewhere},{camera},{photon},{cell},{shadow},{audit},{bounce},{gather},{total},\
+                 {technique},{best}"
             );
         }
         text

@@ -1,4 +1,4 @@
-//! Entrants of a report: techniques, alone or with a denoiser.
+//! Entrants of a report: techniques, or `auto`, alone or with a denoiser.
 
 use std::{fmt, iter};
 
@@ -6,22 +6,25 @@ use serde::{Serialize, Serializer};
 
 use crate::settings::{Denoise, Settings, Technique};
 
-/// A technique, and what removes the noise of its images. Its name is that of the technique, and with a denoiser
-/// `TECHNIQUE+DENOISER`.
+/// A technique or `auto`, and what removes the noise of its images. Its name is that of the technique, and with a
+/// denoiser `TECHNIQUE+DENOISER`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Entrant {
-    /// How light is computed.
-    pub technique: Technique,
+    /// How light is computed. `None` for `auto`, which chooses a technique for each budget.
+    pub technique: Option<Technique>,
     /// What removes the noise.
     pub denoise: Denoise,
 }
 
 impl Entrant {
-    /// All entrants that are possible, in the order of reports: by technique, each raw image first.
+    /// The name of the choice of a technique for each budget.
+    pub const AUTO: &str = "auto";
+
+    /// All entrants that are possible, in the order of reports: by technique, `auto` last, each raw image first.
     pub fn all() -> impl Iterator<Item = Entrant> {
-        Technique::all().flat_map(|technique| {
+        Technique::all().map(Some).chain([None]).flat_map(|technique| {
             let denoised = Entrant::denoisers().map(move |denoise| Entrant { technique, denoise });
-            iter::once(Entrant::raw(technique)).chain(denoised)
+            iter::once(Entrant { technique, denoise: Denoise::None }).chain(denoised)
         })
     }
 
@@ -32,12 +35,17 @@ impl Entrant {
 
     /// A technique alone.
     pub const fn raw(technique: Technique) -> Entrant {
-        Entrant { technique, denoise: Denoise::None }
+        Entrant { technique: Some(technique), denoise: Denoise::None }
     }
 
     /// The entrant that renders with these settings.
     pub fn of(settings: &Settings) -> Entrant {
-        Entrant { technique: settings.technique, denoise: settings.image.denoise }
+        Entrant { technique: Some(settings.technique), denoise: settings.image.denoise }
+    }
+
+    /// Whether it chooses a technique for each budget.
+    pub fn is_automatic(self) -> bool {
+        self.technique.is_none()
     }
 
     /// Whether its images are denoised.
@@ -48,9 +56,13 @@ impl Entrant {
 
 impl fmt::Display for Entrant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.technique {
+            Some(technique) => write!(f, "{technique}")?,
+            None => f.write_str(Entrant::AUTO)?,
+        }
         match self.denoise {
-            Denoise::None => write!(f, "{}", self.technique),
-            denoise => write!(f, "{}+{denoise}", self.technique),
+            Denoise::None => Ok(()),
+            denoise => write!(f, "+{denoise}"),
         }
     }
 }

@@ -10,6 +10,7 @@ use super::interval::Interval;
 use super::metrics::{self, RELMSE_FLOOR, channels};
 use super::reference::Reference;
 use super::run::{Run, Snapshot};
+use crate::settings::Technique;
 use crate::statistics::Rays;
 use crate::{Image, Result};
 
@@ -32,6 +33,8 @@ impl Row {
             entrant: run.entrant(),
             seed: run.settings.image.seed,
             budget,
+            technique: snapshot.technique,
+            best: None,
             time: snapshot.time(),
             denoise,
             samples,
@@ -92,7 +95,8 @@ impl MeasuredEntrant {
         };
         // The slope is that of sampling, so set-up and denoiser do not count.
         let slope = |run: &&Run| curve(run, &|row| row.time - row.denoise - run.setup).slope();
-        let slopes: Option<Vec<f64>> = runs.iter().map(slope).collect();
+        // The images of `auto` are of several renders, each with a set-up of its own.
+        let slopes = (!entrant.is_automatic()).then(|| runs.iter().map(slope).collect()).flatten();
         let report = EntrantReport {
             entrant,
             denoisers: runs[0].denoisers.clone(),
@@ -100,7 +104,7 @@ impl MeasuredEntrant {
             left_out: runs[0].statistics.left_out.clone(),
             notes: runs[0].statistics.notes.clone(),
             time: TimeReport::new(runs),
-            slope: slopes.map(|slopes| Interval::of_mean(&slopes)),
+            slope: slopes.map(|slopes: Vec<f64>| Interval::of_mean(&slopes)),
             brightness,
             finding,
             snapshots: snapshots.into_iter().map(|(report, _)| report).collect(),
@@ -169,8 +173,15 @@ impl SnapshotReport {
             row.estimate.filter(|_| is_resolved).map(|estimate| estimate / (row.relmse - floor))
         };
         let ratios: Option<Vec<f64>> = rows.iter().map(ratio).collect();
+        let mut techniques: Vec<Technique> = Vec::new();
+        for row in rows {
+            if !techniques.contains(&row.technique) {
+                techniques.push(row.technique);
+            }
+        }
         SnapshotReport {
             budget,
+            techniques,
             time: mean(&|row| row.time),
             samples: mean(&|row| f64::from(row.samples)),
             rmse: error(&|row| row.rmse),

@@ -315,7 +315,8 @@ struct Series {
 impl Series {
     fn new(entrant: &EntrantReport, suffix: String, x: impl Fn(&SnapshotReport) -> f64) -> Series {
         let of = entrant.entrant;
-        let index = Technique::all().position(|technique| technique == of.technique).unwrap_or(0);
+        let index =
+            Technique::all().map(Some).chain([None]).position(|technique| technique == of.technique).unwrap_or(0);
         Series {
             name: format!("{of}{suffix}"),
             colour: COLOURS[index % COLOURS.len()],

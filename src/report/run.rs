@@ -10,6 +10,7 @@ use super::estimate;
 use crate::settings::Settings;
 use crate::specialisation::features::Feature;
 use crate::statistics::{Rays, Statistics};
+use crate::techniques::auto::Choice;
 use crate::{Camera, Denoiser, Image, Renderer, Result, Scene, Technique};
 
 /// A snapshot may be late by this factor of its budget: the duration of a batch is predicted from the previous one.
@@ -40,7 +41,9 @@ impl<'a> Subject<'a> {
 
 /// A render of one entrant and seed.
 pub struct Run {
-    /// The settings of this run.
+    /// Whether the technique was chosen for each budget, and the image rendered anew.
+    pub is_automatic: bool,
+    /// The settings of this run; with a choice for each budget those of the last.
     pub settings: Settings,
     /// Seconds until the first sample: BVH, compilation, upload of the scene, photons and their grid.
     pub setup: f64,
@@ -60,7 +63,7 @@ pub struct Run {
     pub statistics: Statistics,
     /// Why the technique left out the visibility map that it would have used, if it did.
     pub map_left_out: Option<String>,
-    /// Seconds until the last image, without the time for snapshots.
+    /// Seconds until the last image, without the time for snapshots; with a choice for each budget the sum over them.
     pub time: f64,
 }
 
@@ -68,6 +71,8 @@ pub struct Run {
 pub struct Snapshot {
     /// The budget in seconds.
     pub budget: f64,
+    /// The technique that rendered it.
+    pub technique: Technique,
     /// Seconds from the imported scene to the last sample, including set-up.
     pub sampled: f64,
     /// Seconds that removing the noise took; 0 without a denoiser.
@@ -91,7 +96,8 @@ impl Snapshot {
 
 /// An entrant that is ready to run.
 pub struct Starter {
-    technique: Technique,
+    /// `None` for a choice at each budget.
+    technique: Option<Technique>,
     denoiser: Denoiser,
     /// Seconds of the warm-up; 0 before it.
     pub warm_up: f64,
@@ -100,9 +106,9 @@ pub struct Starter {
 }
 
 impl Starter {
-    /// A technique whose images `denoiser` filters, if it holds any filter.
-    pub fn new(technique: Technique, denoiser: Denoiser) -> Starter {
-        Starter { technique, denoiser, warm_up: 0.0, denoise: 0.0 }
+    /// A technique, or `None` for a choice at each budget, whose images `denoiser` filters, if it holds any filter.
+    pub fn new(technique: impl Into<Option<Technique>>, denoiser: Denoiser) -> Starter {
+        Starter { technique: technique.into(), denoiser, warm_up: 0.0, denoise: 0.0 }
     }
 
     /// Its name.
@@ -113,14 +119,30 @@ impl Starter {
     /// Takes two untimed samples, and removes the noise of their image three times.
     ///
     /// The driver compiles every kernel on first use and caches it. That can take many times as long as later runs and
-    /// says nothing about the entrant. If the first sample takes longer than the `longest` budget (seconds), the second
-    /// is skipped: no timed run will have an image in time.
+    /// says nothing about the entrant. If the first sample takes longer than the longest of the `budgets` (seconds,
+    /// ascending), the second is skipped: no timed run will have an image in time. `auto` does so with each technique
+    /// that it takes.
     ///
     /// # Errors
     /// As [`Renderer::new`], [`Renderer::render_batch`] and [`Renderer::add_denoised`].
-    pub fn warm_up(&mut self, subject: &Subject<'_>, longest: f64) -> Result<()> {
+    pub fn warm_up(&mut self, subject: &Subject<'_>, budgets: &[f64]) -> Result<()> {
         let start = Instant::now();
-        let mut renderer = subject.renderer(&self.settings(subject, subject.settings.image.seed))?;
+        let longest = budgets.last().copied().unwrap_or(0.0);
+        let mut warm = Vec::new();
+        // The choice for the longest budget comes again, as the time of the denoiser is known only then.
+        for &budget in budgets.iter().rev().chain(budgets.last()) {
+            let settings = self.settings(subject, subject.settings.image.seed, budget - self.denoise);
+            if !warm.contains(&settings.technique) {
+                warm.push(settings.technique);
+                self.warm_up_with(subject, &settings, longest)?;
+            }
+        }
+        self.warm_up = start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    fn warm_up_with(&mut self, subject: &Subject<'_>, settings: &Settings, longest: f64) -> Result<()> {
+        let mut renderer = subject.renderer(settings)?;
         let sample = Instant::now();
         renderer.render_up_to(1)?;
         subject.gpu.wait("warm-up")?;
@@ -140,13 +162,15 @@ impl Starter {
             }
             self.denoise = took[1].min(took[2]);
         }
-        self.warm_up = start.elapsed().as_secs_f64();
         Ok(())
     }
 
-    fn settings(&self, subject: &Subject<'_>, seed: u32) -> Settings {
-        subject.settings.clone().with(|s| {
-            s.technique = self.technique;
+    /// The settings for an image whose samples are to end `within` so many seconds, on which a choice depends.
+    fn settings(&self, subject: &Subject<'_>, seed: u32, within: f64) -> Settings {
+        let Subject { gpu, scene, camera, settings } = *subject;
+        let choice = || Choice::after_import(gpu, scene, camera, settings, within).technique;
+        settings.clone().with(|s| {
+            s.technique = self.technique.unwrap_or_else(choice);
             s.image.denoise = self.denoiser.choice();
             s.image.seed = seed;
             s.image.spp = Settings::UNLIMITED_SPP;
@@ -156,7 +180,8 @@ impl Starter {
 }
 
 impl Run {
-    /// Renders until the last of the `budgets`, given in seconds and ascending. `None` once `stop` returns true.
+    /// Renders until the last of the `budgets`, given in seconds and ascending; `auto` renders anew for each. `None`
+    /// once `stop` returns true.
     ///
     /// # Errors
     /// As [`Renderer::new`], [`Renderer::render_batch`] and [`Renderer::add_denoised`].
@@ -167,17 +192,25 @@ impl Run {
         budgets: &[f64],
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Run>> {
-        let settings = starter.settings(subject, seed);
-        let mut timed = TimedRender::start(subject, &settings)?;
+        let is_automatic = starter.entrant().is_automatic();
+        let mut denoise = starter.denoise;
+        let start = |budget: f64| TimedRender::start(subject, starter, seed, budget);
+        let mut timed = start(budgets.first().copied().unwrap_or(0.0) - denoise)?;
         let mut snapshots: Vec<Snapshot> = Vec::new();
         let mut noisy = None;
-        let mut denoise = starter.denoise;
-        for &budget in budgets {
+        // Of the renders for earlier budgets.
+        let (mut spent, mut first) = (0.0, None);
+        for (index, &budget) in budgets.iter().enumerate() {
+            if is_automatic && index > 0 {
+                spent += timed.time + denoise;
+                first = first.or(timed.first);
+                timed = start(budget - denoise)?;
+            }
             // An image is ready once its noise is removed.
             if !timed.render_until(budget - denoise, stop)? {
                 return Ok(None);
             }
-            let shown = snapshots.last().map_or(0, |snapshot| snapshot.samples);
+            let shown = snapshots.last().filter(|_| !is_automatic).map_or(0, |snapshot| snapshot.samples);
             if timed.renderer.samples() > shown && timed.time + denoise <= MAX_LATENESS * budget {
                 let (snapshot, before) = timed.snapshot(budget, &starter.denoiser)?;
                 denoise = snapshot.denoise;
@@ -187,14 +220,16 @@ impl Run {
                 }
             }
         }
-        let TimedRender { renderer, setup, time, first, passes } = timed;
+        let first = first.or(timed.first);
+        let TimedRender { renderer, settings, setup, time, passes, .. } = timed;
         let mut statistics = renderer.statistics()?;
         statistics.time.passes = passes;
         statistics.time.passes.retain(|name, _| !name.starts_with(DENOISER_PASSES));
         let left_out = || renderer.specialisation().left_out.iter().find(|item| item.feature == Feature::VisibilityMap);
-        let uses_map = starter.technique.uses_visibility_map();
+        let uses_map = settings.technique.uses_visibility_map();
         let map_left_out = uses_map.then(left_out).flatten().map(|item| item.reason.clone());
         Ok(Some(Run {
+            is_automatic,
             settings,
             setup,
             first: first.map(|first| first + denoise),
@@ -204,19 +239,21 @@ impl Run {
             denoise,
             statistics,
             map_left_out,
-            time: time + denoise,
+            time: spent + time + denoise,
         }))
     }
 
     /// What ran.
     pub fn entrant(&self) -> Entrant {
-        Entrant::of(&self.settings)
+        let Entrant { technique, denoise } = Entrant::of(&self.settings);
+        Entrant { technique: technique.filter(|_| !self.is_automatic), denoise }
     }
 }
 
 /// A render with its clock, which stops while a snapshot is taken.
 struct TimedRender<'a> {
     renderer: Renderer<'a>,
+    settings: Settings,
     /// Seconds until the first sample.
     setup: f64,
     /// Seconds so far.
@@ -228,15 +265,17 @@ struct TimedRender<'a> {
 }
 
 impl<'a> TimedRender<'a> {
-    fn start(subject: &Subject<'a>, settings: &Settings) -> Result<TimedRender<'a>> {
+    /// For samples that are to end `within` so many seconds.
+    fn start(subject: &Subject<'a>, starter: &Starter, seed: u32, within: f64) -> Result<TimedRender<'a>> {
         let gpu = subject.gpu;
         // The clone is not part of the time.
         let scene = subject.scene.clone();
         let start = Instant::now();
-        let renderer = Renderer::new(gpu, scene, subject.camera, settings)?;
+        let settings = starter.settings(subject, seed, within);
+        let renderer = Renderer::new(gpu, scene, subject.camera, &settings)?;
         let setup = start.elapsed().as_secs_f64();
         let passes = renderer.pass_times()?;
-        Ok(TimedRender { renderer, setup, time: setup, first: None, passes })
+        Ok(TimedRender { renderer, settings, setup, time: setup, first: None, passes })
     }
 
     /// Takes the samples expected to end within `budget`, in seconds since the start. False once `stop` returns true.
@@ -266,7 +305,9 @@ impl<'a> TimedRender<'a> {
         let denoised = image.denoised();
         let snapshot = |image: Image, denoise: f64, estimate: Option<f64>| -> Result<Snapshot> {
             let (samples, rays) = (self.renderer.samples(), self.renderer.statistics()?.rays);
-            Ok(Snapshot { budget, sampled: self.time, denoise, samples, rays, image: colour(image), estimate })
+            let technique = self.settings.technique;
+            let (sampled, image) = (self.time, colour(image));
+            Ok(Snapshot { budget, technique, sampled, denoise, samples, rays, image, estimate })
         };
         match denoised {
             None => Ok((snapshot(image, 0.0, None)?, None)),

@@ -63,6 +63,11 @@ impl Choice {
         let reason = format!("photons and records would take about {expected:.1} s before the first image");
         Choice { technique: Technique::PATH, reason: Some(reason) }
     }
+
+    /// As [`Choice::new`], for seconds that begin once the scene is imported and end before the image is written.
+    pub fn after_import(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings, within: f64) -> Choice {
+        Choice::new(gpu, scene, camera, settings, Some(within + seconds::FILES))
+    }
 }
 
 /// Whether paths can do all that the settings ask for: nothing is set that only photons, records or shadow rays follow.

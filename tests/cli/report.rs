@@ -128,6 +128,20 @@ fn denoisers_make_entrants() {
     assert!(expected.iter().all(|(name, ..)| has(name)), "{plot}");
 }
 
+/// `auto` is an entrant, and the command says how it compares with the others.
+#[test]
+fn auto_is_compared_with_the_others() {
+    let folder = folder();
+    let folder = folder.path();
+    let answer = report(folder, "--techniques auto,path --budgets 2,3 --reference-error 0.2 --max-bounces 0");
+    assert!(answer.assert_done().stderr.contains("auto within 3 s: "), "{answer:?}");
+    let json = read_json(folder);
+    schema::assert_documented("Report", &json);
+    let row = json["auto"].as_array().unwrap().last().unwrap();
+    assert_eq!((&row["entrant"], &row["budget"], &row["best"]), (&"auto".into(), &3.0.into(), &"path".into()));
+    assert_eq!(json["entrants"][1]["slope"], Value::Null);
+}
+
 /// A library that is not there is an error before anything is rendered, if an entrant needs it.
 #[test]
 fn entrants_without_their_library_are_refused() {

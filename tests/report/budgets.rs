@@ -68,7 +68,16 @@ fn late_techniques_are_named_with_a_sufficient_budget() {
         let (samples, rays, image) = (4, Rays::default(), grey(0.5 + 0.01 * (1 + index) as f32));
         run.first = Some(1.0);
         let [budget, sampled] = [2.0; 2];
-        run.snapshots.push(Snapshot { budget, sampled, denoise: 0.0, samples, rays, image, estimate: None });
+        run.snapshots.push(Snapshot {
+            budget,
+            technique: Technique::PATH,
+            sampled,
+            denoise: 0.0,
+            samples,
+            rays,
+            image,
+            estimate: None,
+        });
     }
     let advice = report(&subject, &runs).unwrap().advice;
     assert!(

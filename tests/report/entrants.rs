@@ -69,6 +69,7 @@ fn runs(subject: &Subject<'_>, denoise: Denoise, wrong: &[Wrong]) -> Vec<Run> {
             let budget = 4f64.powi(index as i32);
             run.snapshots.push(Snapshot {
                 budget,
+                technique: Technique::PATH,
                 sampled: budget,
                 denoise: if denoise == Denoise::None { 0.0 } else { FILTER },
                 samples: 4,
@@ -90,7 +91,7 @@ fn of(report: &Report, entrant: Entrant) -> &EntrantReport {
     report.entrants.iter().find(|report| report.entrant == entrant).unwrap()
 }
 
-const DENOISED: Entrant = Entrant { technique: Technique::PATH, denoise: Denoise::Statistical };
+const DENOISED: Entrant = Entrant { technique: Some(Technique::PATH), denoise: Denoise::Statistical };
 
 /// The bias of a denoiser is told from its variance, and one that falls with the samples from one that stays. What is
 /// planted is found to the rounding of f32.
@@ -103,7 +104,7 @@ fn a_bias_that_falls_is_told_from_one_that_stays() {
         let runs = runs(&subject, denoise, wrong);
         let report = Report::new("box.glb", &subject.gpu.info, &reference(1e-9), &runs, Vec::new()).unwrap();
         let entrant = report.entrants[0].clone();
-        assert_eq!(entrant.entrant, Entrant { technique: Technique::PATH, denoise });
+        assert_eq!(entrant.entrant, Entrant { technique: Some(Technique::PATH), denoise });
         for (snapshot, Wrong { common, own }) in entrant.snapshots.iter().zip(wrong) {
             for (found, planted) in [(snapshot.bias, *common), (snapshot.variance, *own)] {
                 assert!((found.value - relmse(planted)).abs() < 1e-6, "{found:?}, not {}", relmse(planted));
@@ -198,8 +199,18 @@ fn a_denoised_image_has_the_error_that_it_expects() {
             (Denoise::Statistical, image.denoised().unwrap(), estimate::denoised_relmse(&image)),
         ] {
             let (sampled, rays) = (1.0, renderer.statistics().unwrap().rays);
-            let snapshot = Snapshot { budget: 1.0, sampled, denoise: 0.0, samples: 4, rays, image: shown, estimate };
+            let snapshot = Snapshot {
+                budget: 1.0,
+                technique: Technique::PATH,
+                sampled,
+                denoise: 0.0,
+                samples: 4,
+                rays,
+                image: shown,
+                estimate,
+            };
             runs.push(Run {
+                is_automatic: false,
                 settings: settings.clone().with(|s| s.image.denoise = denoise),
                 setup: SETUP,
                 first: Some(1.0),
@@ -244,7 +255,7 @@ fn a_run_shows_the_denoised_image_and_keeps_the_raw_one() {
     let denoiser = || Denoiser::new(Denoise::Statistical, None).unwrap();
     let mut starter = Starter::new(Technique::PATH, denoiser());
     assert_eq!(starter.entrant(), DENOISED);
-    starter.warm_up(&subject, 60.0).unwrap();
+    starter.warm_up(&subject, &[60.0]).unwrap();
     // A busy machine may need longer.
     let run = |budget: f64| Run::new(&subject, &starter, 3, &[budget], &|| false).unwrap().unwrap();
     let run = [1.0, 4.0, 16.0].into_iter().map(run).find(|run| !run.snapshots.is_empty()).unwrap();

@@ -3,6 +3,7 @@
 #[path = "../common/device.rs"]
 mod device;
 
+mod auto;
 mod budgets;
 mod curves;
 mod entrants;

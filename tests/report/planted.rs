@@ -20,10 +20,20 @@ fn run(subject: &Subject<'_>, settings: Settings, plant: impl Fn(u32, &mut Image
         let mut image = renderer.image().unwrap();
         plant(settings.image.seed, &mut image);
         let rays = renderer.statistics().unwrap().rays;
-        Snapshot { budget, sampled: budget, denoise: 0.0, samples, rays, image, estimate: None }
+        Snapshot {
+            budget,
+            technique: Technique::PATH,
+            sampled: budget,
+            denoise: 0.0,
+            samples,
+            rays,
+            image,
+            estimate: None,
+        }
     });
     let statistics = renderer.statistics().unwrap();
     Run {
+        is_automatic: false,
         settings,
         setup: 0.5,
         first: Some(0.6),
@@ -150,7 +160,16 @@ fn the_references_own_error_is_not_called_bias() {
             let image = image(&|x, y| GREY + common * sign(y) + own * sign(x >> seed));
             let rays = run.statistics.rays;
             let [budget, sampled] = [1.0; 2];
-            run.snapshots.push(Snapshot { budget, sampled, denoise: 0.0, samples: 4, rays, image, estimate: None });
+            run.snapshots.push(Snapshot {
+                budget,
+                technique: Technique::PATH,
+                sampled,
+                denoise: 0.0,
+                samples: 4,
+                rays,
+                image,
+                estimate: None,
+            });
             run
         })
         .collect();

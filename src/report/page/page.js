@@ -88,13 +88,20 @@ fill(
   ["entrant", "at time", "error ratio", "at relMSE", "time ratio"],
   report.comparisons.map((row) => [row.entrant, `${digits(row.time)} s`, interval(row.error_ratio), digits(row.relmse), interval(row.time_ratio)]),
 );
+element("choice").hidden = report.auto.length === 0;
+fill(
+  "auto",
+  ["entrant", "budget", "technique", "relMSE", "best", "relMSE of the best", "ratio"],
+  report.auto.map((row) => [row.entrant, `${row.budget} s`, row.techniques.join(" or "), interval(row.relmse), row.best, interval(row.best_relmse), interval(row.ratio)]),
+);
 fill(
   "snapshots",
-  ["entrant", "budget", "time", "spp", "relMSE", ...denoising("estimate", "estimate over relMSE"), "bias", "variance", "at boundaries", "elsewhere", "RMSE", "MAE", "p99", "shadow rays", "all rays"],
+  ["entrant", "budget", "technique", "time", "spp", "relMSE", ...denoising("estimate", "estimate over relMSE"), "bias", "variance", "at boundaries", "elsewhere", "RMSE", "MAE", "p99", "shadow rays", "all rays"],
   report.entrants.flatMap((entrant) =>
     entrant.snapshots.map((s) => [
       entrant.entrant,
       `${s.budget} s`,
+      s.techniques.join(" or "),
       interval(s.time),
       digits(s.samples.value),
       ...[s.relmse, ...denoising(s.estimate, s.estimate_ratio), s.bias, s.variance, s.relmse_boundary, s.relmse_elsewhere, s.rmse, s.mae, s.p99].map((x) => interval(x)),
