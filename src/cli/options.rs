@@ -609,8 +609,8 @@ struct IndirectOptions {
     #[arg(long, value_name = "A", default_value_t = Settings::default().indirect.irradiance_cache.accuracy)]
     accuracy: f32,
 
-    /// Gather rays per irradiance record, rounded up to a power of two, for the first 23 samples per pixel; more follow.
-    /// By default 16 for the first sample, and then in proportion to the samples: 256 from the 12th on
+    /// Gather rays per irradiance record, rounded up to a power of two, for the first 23 samples per pixel; more
+    /// follow. By default 16 for the first sample, and then in proportion to the samples: 256 from the 12th on
     #[arg(long, value_name = "N")]
     gather_rays: Option<u32>,
 

@@ -172,6 +172,11 @@ impl IndirectLight {
         self.map.is_some()
     }
 
+    /// Whether there are irradiance records, which more gather rays would refine.
+    pub fn has_records(&self) -> bool {
+        self.cache.is_some() && self.map.is_some()
+    }
+
     /// What another view can use.
     pub fn into_made(self) -> MadeIndirect {
         let map = self.map.and_then(GlobalMap::without_view);

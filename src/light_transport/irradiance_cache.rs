@@ -248,7 +248,7 @@ impl Records {
         self.heads.iter().filter(is_smallest).count() as u64
     }
 
-    /// Leaves out records that earlier ones cover: where few rays were known, gradients looked steep, and records small.
+    /// Leaves out records that earlier ones cover: of few rays, gradients looked steep, and records were small.
     fn leave_out_covered(&mut self, with: &Filling<'_>) -> Result<()> {
         let kept = uncovered(&self.with_radii(with), with.camera, &with.settings.image);
         if kept.len() < self.heads.len() {

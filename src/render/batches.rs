@@ -48,7 +48,7 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`Renderer::render_batch`].
     pub fn render_up_to(&mut self, limit: u32) -> Result<Progress> {
-        self.refine_to(self.due_stage())?;
+        self.refine(&mut |_| true)?;
         self.add_samples(limit)
     }
 

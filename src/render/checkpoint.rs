@@ -1,8 +1,8 @@
 //! Checkpoints: the state that the samples of a render left, in memory or in a file.
 //!
-//! A checkpoint holds the sums of the film, the photons of audits, the cells that points requested, the fine cells, the
-//! visible share of each light, and the counts. Other photons and irradiance records are not in it, because they are
-//! computed again from their seed.
+//! A checkpoint holds the sums of the film, the means of pixels by which gather rays grow, the photons of audits, the
+//! cells that points requested, the fine cells, the visible share of each light, and the counts. Other photons and
+//! irradiance records are not in it, because they are computed again from their seed.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -30,6 +30,8 @@ pub(super) struct Header {
     pub samples: u32,
     /// Of photons and gather rays.
     pub stage: i32,
+    /// None before the first sample, and where no estimates tell the stage.
+    pub growth: Option<GrowthHeader>,
     pub blocks: Option<Blocks>,
     pub batches: u32,
     /// How the next batch is shaded.
@@ -41,6 +43,13 @@ pub(super) struct Header {
     pub added: usize,
     /// Number of photons of audits since then; perhaps more than were kept.
     pub left: u32,
+}
+
+/// [`Growth`](super::growth::Growth), but for the means, which are words.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct GrowthHeader {
+    pub samples: u32,
+    pub error: Option<f64>,
 }
 
 /// The state that samples left, from which a render continues on any device.

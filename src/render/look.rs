@@ -84,7 +84,7 @@ impl Renderer<'_> {
         (self.buffers, self.tiles, self.tile_size) = (buffers, tiles, tile_size);
         (self.camera, self.settings, self.totals) = (camera.clone(), settings, totals);
         (self.stage, self.samples, self.batches, self.shade_at_once) = (stage, 0, 0, false);
-        (self.seconds_per_sample, self.has_left_out_photons) = (None, false);
+        (self.growth, self.seconds_per_sample, self.has_left_out_photons) = (None, None, false);
         self.has_other_views = true;
         Ok(())
     }

@@ -9,6 +9,7 @@ mod conditioning;
 pub mod denoise;
 mod denoised;
 pub mod film;
+mod growth;
 mod inspection;
 mod keeping;
 mod look;

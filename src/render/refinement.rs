@@ -1,11 +1,14 @@
-//! What a render adds to indirect light as samples are added: in stages a new global map and more rays of the irradiance
-//! records, and a caustic map for every 8 samples. So the first image comes soon, and no error of the maps is left in a
-//! long render.
+//! What a render adds to indirect light as samples are added: in stages a new global map and more rays of the
+//! irradiance records, and a caustic map for every 8 samples. So the first image comes soon, and no error of the maps
+//! is left in a long render.
 
 use std::time::Instant;
 
+use glam::{DVec3, DVec4};
+
+use super::growth::{Growth, error_of_rays, wants_rays};
 use super::renderer::Renderer;
-use super::stages::{settings_of_stage, stage};
+use super::stages::{LAST_STAGE, grows, settings_of_stage, stage};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::light_transport::caustic_map::CausticMap;
@@ -14,39 +17,106 @@ use crate::light_transport::kernels::IndirectKernels;
 use crate::light_transport::shared::Shared;
 use crate::passes::cache::BoundCache;
 use crate::passes::film::Change;
+use crate::statistics::Rays;
 
 impl Renderer<'_> {
-    /// The stage for the next sample, if there is time for it.
+    /// The stage that the next sample needs, whatever the samples so far tell.
     pub(super) fn due_stage(&self) -> i32 {
-        self.stage_for(self.settings.image.range().first + self.samples)
-    }
-
-    /// That of the samples that follow the first `samples`.
-    pub(super) fn stage_for(&self, samples: u32) -> i32 {
         let has_map = self.lighting.indirect.as_ref().is_some_and(IndirectLight::has_map);
-        if has_map { stage(&self.settings, samples) } else { self.stage }
+        let samples = self.settings.image.range().first + self.samples;
+        if has_map { stage(&self.settings, samples, self.estimates_growth()) } else { self.stage }
     }
 
-    /// Goes on to a stage by way of those before it, unless it is reached already. The samples so far then have the
-    /// indirect light of the stage too.
-    pub(super) fn refine_to(&mut self, stage: i32) -> Result<()> {
+    /// Whether estimates of errors tell when there are more gather rays. They need the film of all pixels with equal
+    /// numbers of samples.
+    fn estimates_growth(&self) -> bool {
+        let has_records = self.lighting.indirect.as_ref().is_some_and(IndirectLight::has_records);
+        has_records && grows(&self.settings)
+    }
+
+    /// Goes on to the stage that the next sample needs, and beyond while estimates ask for it and `fits` allows each
+    /// further one.
+    pub(super) fn refine(&mut self, fits: &mut dyn FnMut(&Self) -> bool) -> Result<()> {
         let start = Instant::now();
-        let mut before = None;
-        while self.stage < stage {
-            let earlier = self.add_rays()?;
-            before = before.or(earlier);
+        let due = self.due_stage();
+        while self.stage < due && fits(self) {
+            self.go_on()?;
         }
-        if let Some(before) = before.filter(|_| self.samples > 0 && self.piece_sums.is_none()) {
-            self.correct_samples(&before)?;
+        if self.estimates_growth() && self.samples > 0 {
+            self.grow(fits)?;
         }
         self.totals.time_render += start.elapsed().as_secs_f64();
         Ok(())
     }
 
+    /// Whether the next sample may need another stage.
+    pub(super) fn may_refine(&self) -> bool {
+        let grows = || self.growth.as_ref().is_some_and(|growth| growth.is_due(self.samples));
+        self.stage < self.due_stage() || (self.estimates_growth() && self.stage < LAST_STAGE && grows())
+    }
+
+    /// Goes on to a stage by way of those before it, without a film that needs to follow.
+    pub(super) fn restore_stage(&mut self, stage: i32) -> Result<()> {
+        while self.stage < stage {
+            self.add_rays()?;
+        }
+        Ok(())
+    }
+
+    /// Adds gather rays while the samples and rays so far tell that they gain more than samples.
+    fn grow(&mut self, fits: &mut dyn FnMut(&Self) -> bool) -> Result<()> {
+        let is_early = self.growth.as_ref().is_some_and(|growth| !growth.is_due(self.samples));
+        // What does not fit now may fit later, if there is more time.
+        if self.stage == LAST_STAGE || is_early || (self.growth.is_some() && !fits(self)) {
+            return Ok(());
+        }
+        let means = self.pixel_means()?;
+        let mut error = None;
+        if let Some(growth) = self.growth.take() {
+            let noise = growth.noise(&means, self.samples);
+            error = growth.error;
+            while self.stage < LAST_STAGE && fits(self) {
+                let Rays { gather, total, .. } = self.totals.rays();
+                if error.is_some_and(|error| !wants_rays(error, noise, gather, total - gather)) {
+                    break;
+                }
+                let changes = self.go_on()?;
+                error = Some(error_of_rays(changes.iter().copied().zip(means.iter().copied())));
+            }
+        }
+        self.growth = Some(Growth { samples: self.samples, means: self.pixel_means()?, error });
+        Ok(())
+    }
+
+    /// Mean light of each pixel so far, and of its channels.
+    fn pixel_means(&self) -> Result<Vec<f32>> {
+        let mut means = Vec::new();
+        for film in &self.tiles {
+            let direct = film.direct.means(self.gpu, self.samples)?;
+            let indirect = film.indirect.as_ref().map(|plane| plane.means(self.gpu, self.samples)).transpose()?;
+            let mean = |(i, direct): (usize, &DVec4)| {
+                let all = *direct + indirect.as_ref().map_or(DVec4::ZERO, |indirect| indirect[i]);
+                mean_of_channels(all.truncate())
+            };
+            means.extend(direct.iter().enumerate().map(mean));
+        }
+        Ok(means)
+    }
+
+    /// Goes on to the next stage. The samples so far then have its indirect light too. Returns the change of each
+    /// pixel, the mean of its channels; nothing if no sample changes.
+    fn go_on(&mut self) -> Result<Vec<f32>> {
+        match self.add_rays()? {
+            Some(before) if self.samples > 0 && self.piece_sums.is_none() => self.correct_samples(&before),
+            _ => Ok(Vec::new()),
+        }
+    }
+
     /// Goes on to the next stage. Returns the irradiance cache of the last one.
     fn add_rays(&mut self) -> Result<Option<BoundCache>> {
+        let is_first = self.stage == self.first_stage();
         let Some(indirect) = &mut self.lighting.indirect else { return Ok(None) };
-        if self.has_other_views && self.stage == stage(&self.settings, 0) {
+        if self.has_other_views && is_first {
             self.first_map = indirect.take_map();
         }
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
@@ -67,9 +137,11 @@ impl Renderer<'_> {
 
     /// Adds the difference of the irradiance records to those `before` to all samples so far. Within a pixel it hardly
     /// changes, and one sample of each tells it; if not, samples with fewer rays would be a part of the image for good.
-    fn correct_samples(&mut self, before: &BoundCache) -> Result<()> {
+    /// Returns the mean of the channels of each difference.
+    fn correct_samples(&mut self, before: &BoundCache) -> Result<Vec<f32>> {
+        let mut changes = Vec::new();
         let (Some(indirect), Some(change)) = (&self.lighting.indirect, &self.buffers.radiance_indirect) else {
-            return Ok(());
+            return Ok(changes);
         };
         for film in &self.tiles {
             for batch in self.blocks.as_ref().map_or(vec![None], |blocks| blocks.by_samples().map(Some).collect()) {
@@ -84,18 +156,22 @@ impl Renderer<'_> {
                 self.primary.record(&mut frame, &tile);
                 indirect.change(&mut frame, before, &tile);
                 let inputs = self.buffers.film_inputs();
-                let change = Change { change, pixel_count, earlier_samples: samples, inputs };
-                film.correct(self.gpu, &self.film, &mut frame, change)?;
+                let of_film = Change { change, pixel_count, earlier_samples: samples, inputs };
+                film.correct(self.gpu, &self.film, &mut frame, of_film)?;
                 frame.submit()?;
+                let differences: Vec<[f32; 4]> = self.gpu.read(change, pixel_count as usize)?;
+                changes.extend(
+                    differences.iter().map(|[r, g, b, _]| mean_of_channels(DVec3::from([*r, *g, *b].map(f64::from)))),
+                );
                 self.totals.gather_rays += u64::from(pixel_count);
             }
         }
-        Ok(())
+        Ok(changes)
     }
 
     /// The stage of the first sample.
     pub(super) fn first_stage(&self) -> i32 {
-        stage(&self.settings, 0)
+        stage(&self.settings, 0, grows(&self.settings))
     }
 
     /// Makes the caustic map of the samples from `first_sample` on, unless they share the last one.
@@ -112,4 +188,8 @@ impl Renderer<'_> {
         }
         Ok(())
     }
+}
+
+fn mean_of_channels(light: DVec3) -> f32 {
+    (light.element_sum() / 3.0) as f32
 }

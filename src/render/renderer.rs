@@ -6,10 +6,11 @@ use std::time::Instant;
 use kernel_kit::Gpu;
 
 use super::blocks::Blocks;
+use super::growth::Growth;
 use super::keeping::Keeping;
 use super::notes::notes;
 use super::pieces::PieceSums;
-use super::stages::{settings_of_stage, stage};
+use super::stages::{grows, settings_of_stage, stage};
 use super::tiles::{TileFilm, TileSize};
 use crate::Result;
 use crate::bvh::Bvh;
@@ -52,6 +53,8 @@ pub struct Renderer<'g> {
     pub(super) indirect_kernels: IndirectKernels,
     /// How many photons and gather rays there are so far; see `stages.rs`.
     pub(super) stage: i32,
+    /// What tells when there are more gather rays; none before the first sample.
+    pub(super) growth: Option<Growth>,
     /// The global map of the first stage, for the next view: none while that is the map in use, and before the renderer
     /// looked a second time.
     pub(super) first_map: Option<GlobalMap>,
@@ -189,6 +192,7 @@ impl<'g> Renderer<'g> {
             lighting,
             indirect_kernels,
             stage,
+            growth: None,
             first_map: None,
             kept_records: None,
             is_glance: false,
@@ -274,7 +278,7 @@ impl ViewOf<'_> {
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
         let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
         let primary = primary.bind(gpu, &buffers, gpu_scene)?;
-        let stage = stage(settings, 0);
+        let stage = stage(settings, 0, grows(settings));
         let mut first_pass = FirstPass {
             shared: Shared { gpu, scene, gpu_scene, tile: &buffers },
             direct_kernels: direct,

@@ -3,8 +3,10 @@
 
 use std::path::Path;
 
-use super::checkpoint::{Checkpoint, Header};
+use super::checkpoint::{Checkpoint, GrowthHeader, Header};
+use super::growth::Growth;
 use super::renderer::Renderer;
+use super::stages::LAST_STAGE;
 use crate::light_transport::shared::Shared;
 use crate::light_transport::visibility_map::MapState;
 use crate::specialisation::features::Feature;
@@ -39,6 +41,7 @@ impl Renderer<'_> {
                 }
             }
         }
+        words.extend(self.growth.iter().flat_map(|growth| &growth.means).map(|mean| mean.to_bits()));
         let map = self.lighting.map_state(self.gpu)?;
         words.extend(map.words());
         let header = Header {
@@ -46,6 +49,10 @@ impl Renderer<'_> {
             fingerprint: String::new(),
             samples: self.samples,
             stage: self.stage,
+            growth: self
+                .growth
+                .as_ref()
+                .map(|Growth { samples, error, .. }| GrowthHeader { samples: *samples, error: *error }),
             blocks: self.blocks.clone(),
             batches: self.batches,
             shade_at_once: self.shade_at_once,
@@ -88,7 +95,8 @@ impl Renderer<'_> {
             return Err(damaged());
         }
         let image = &self.settings.image;
-        if header.blocks.is_some() != image.noise.is_some()
+        if header.stage > LAST_STAGE
+            || header.blocks.is_some() != image.noise.is_some()
             || header.blocks.as_ref().is_some_and(|blocks| !blocks.fits(image))
         {
             return Err(damaged());
@@ -108,13 +116,23 @@ impl Renderer<'_> {
             }
             self.leave_out_photons()?;
         }
+        let growth = match header.growth {
+            Some(GrowthHeader { samples, error }) => {
+                let pixels = self.settings.image.part().width as usize * self.settings.image.part().height as usize;
+                let (means, others) = rest.split_at_checked(pixels).ok_or_else(damaged)?;
+                rest = others;
+                Some(Growth { samples, means: means.iter().copied().map(f32::from_bits).collect(), error })
+            }
+            None => None,
+        };
         let map = MapState::from_words(rest, header.added, header.left).ok_or_else(damaged)?;
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
         if !self.lighting.restore(&Shared { gpu, scene, gpu_scene, tile }, &map, &mut self.totals)? {
             return Err(damaged());
         }
-        self.refine_to(header.stage)?;
+        self.restore_stage(header.stage)?;
         self.samples = header.samples;
+        self.growth = growth;
         self.blocks.clone_from(&header.blocks);
         self.batches = header.batches;
         self.shade_at_once = header.shade_at_once;

@@ -7,20 +7,29 @@ use crate::settings::Settings;
 const PREVIEW_STAGE: i32 = -4;
 
 /// Sixteen times the photons and gather rays of the settings: by default a million photons, and some thousand rays.
-const LAST_STAGE: i32 = 4;
+pub(super) const LAST_STAGE: i32 = 4;
 
-/// Samples per pixel from which on there are the photons and gather rays of the settings. Each time the samples double,
-/// so do they: indirect light then takes about the same part of the time however long a render is. `scenes/box.glb` has
-/// the least error at equal time with 8, `scenes/crowd.glb` and `scenes/sphere.glb` with 16.
+/// Samples per pixel from which on there are more photons and gather rays than those of the settings, where no estimate
+/// tells. Each time the samples double, so do they: indirect light then takes about the same part of the time however
+/// long a render is.
 const SAMPLES_OF_SETTINGS: f64 = 12.0;
 
-/// The stage of the samples that follow the first `samples`. Numbers that the user requested hold from the first one
-/// on, and so do the photons of a map that is shown, where fewer would blur the image. A piece shows no preview.
-pub(super) fn stage(settings: &Settings, samples: u32) -> i32 {
-    let indirect = &settings.indirect;
+/// Whether indirect light may grow from few gather rays on: numbers that the user requested hold from the first sample
+/// on, and so do the photons of a map that is shown, where fewer would blur the image. A piece shows no preview, and
+/// where some pixels get more samples than others, some may never get any more.
+pub(super) fn grows(settings: &Settings) -> bool {
+    let Settings { indirect, image, technique, .. } = settings;
     let requested = indirect.photons.is_some() || indirect.irradiance_cache.gather_rays.is_some();
-    let shown_early = !requested && !settings.technique.shows_map() && settings.image.piece.is_none();
-    let first = if shown_early { PREVIEW_STAGE } else { 0 };
+    !requested && !technique.shows_map() && image.piece.is_none() && image.noise.is_none()
+}
+
+/// The least stage of the samples that follow the first `samples`. If it `is_estimated` what stages gain, the estimates
+/// alone tell which are reached after the first.
+pub(super) fn stage(settings: &Settings, samples: u32, is_estimated: bool) -> i32 {
+    let first = if grows(settings) && (is_estimated || samples == 0) { PREVIEW_STAGE } else { 0 };
+    if is_estimated {
+        return first;
+    }
     // Minus infinity is the least integer.
     let doublings = (f64::from(samples) / SAMPLES_OF_SETTINGS).log2().floor() as i32;
     doublings.clamp(first, LAST_STAGE)
@@ -45,34 +54,27 @@ pub(super) fn settings_of_stage(settings: &Settings, stage: i32) -> Settings {
 mod tests {
     use super::*;
 
-    /// Photons and gather rays double with the samples, from a sixteenth of the settings' to sixteen times as many; or
-    /// from what is requested on.
+    /// Photons and gather rays double with the samples, from those of the settings on, and the first sample has a
+    /// sixteenth of them; or they are those of the first sample until estimates tell otherwise.
     #[test]
     fn rays_double_with_the_samples() {
         let plain = Settings::default();
-        let rays = |settings: &Settings, samples: u32| {
-            let of_stage = settings_of_stage(settings, stage(settings, samples));
+        let rays = |settings: &Settings, samples: u32, is_estimated: bool| {
+            let of_stage = settings_of_stage(settings, stage(settings, samples, is_estimated));
             [of_stage.gather_rays(), of_stage.flux_photons()]
         };
-        for (samples, gather_rays) in [
-            (0, 16),
-            (1, 16),
-            (2, 32),
-            (3, 64),
-            (11, 128),
-            (12, 256),
-            (23, 256),
-            (24, 512),
-            (192, 4096),
-            (100_000, 4096),
-        ] {
-            assert_eq!(rays(&plain, samples), [gather_rays, 256 * gather_rays], "{samples} samples");
+        for (samples, gather_rays) in
+            [(0, 16), (1, 256), (23, 256), (24, 512), (48, 1024), (96, 2048), (192, 4096), (100_000, 4096)]
+        {
+            assert_eq!(rays(&plain, samples, false), [gather_rays, 256 * gather_rays], "{samples} samples");
+            assert_eq!(rays(&plain, samples, true), [16, 4096], "{samples} samples");
         }
         let requested = plain.with(|s| s.indirect.irradiance_cache.gather_rays = Some(100));
+        assert!(!grows(&requested));
         for (samples, gather_rays) in [(0, 128), (23, 128), (24, 256), (192, 2048)] {
-            assert_eq!(rays(&requested, samples)[0], gather_rays, "{samples} samples");
+            assert_eq!(rays(&requested, samples, false)[0], gather_rays, "{samples} samples");
         }
         let most = requested.with(|s| s.indirect.irradiance_cache.gather_rays = Some(Settings::MAX_GATHER_RAYS));
-        assert_eq!(rays(&most, 192)[0], Settings::MAX_GATHER_RAYS);
+        assert_eq!(rays(&most, 192, false)[0], Settings::MAX_GATHER_RAYS);
     }
 }

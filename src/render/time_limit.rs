@@ -38,8 +38,7 @@ impl Renderer<'_> {
     /// As [`Renderer::render_batch`].
     pub fn render_batch_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
         if let Some(sample) = self.seconds_per_sample {
-            let due = self.due_stage();
-            let refinement = if due == self.stage { 0.0 } else { self.refinement_seconds(due) };
+            let refinement = if self.may_refine() { self.next_stage_seconds() } else { 0.0 };
             if refinement + sample * f64::from(self.next_layers()) > seconds {
                 return Ok(None);
             }
@@ -47,17 +46,19 @@ impl Renderer<'_> {
         self.render_batch().map(Some)
     }
 
-    /// Makes the best indirect light that is due and leaves enough of `seconds`.
+    /// Adds indirect light that leaves enough of `seconds`.
     fn refine_within(&mut self, seconds: f64) -> Result<()> {
-        let later = self.stage + 1..=self.due_stage();
-        let fitting = later.rev().find(|stage| self.refinement_seconds(*stage) <= REFINEMENT_SHARE * seconds);
-        fitting.map_or(Ok(()), |stage| self.refine_to(stage))
+        let start = Instant::now();
+        self.refine(&mut |renderer| {
+            let left = seconds - start.elapsed().as_secs_f64();
+            renderer.next_stage_seconds() <= REFINEMENT_SHARE * left
+        })
     }
 
-    /// Expected seconds to make the indirect light of a stage.
-    fn refinement_seconds(&self, stage: i32) -> f64 {
+    /// Expected seconds to go on to the next stage.
+    fn next_stage_seconds(&self) -> f64 {
         let rays = |stage: i32| settings_of_stage(&self.settings, stage).gather_rays();
-        let (waves, rays) = ((stage - self.stage) as u32, rays(stage) - rays(self.stage));
-        self.lighting.indirect.as_ref().map_or(0.0, |indirect| indirect.cost().of(waves, rays))
+        let rays = rays(self.stage + 1) - rays(self.stage);
+        self.lighting.indirect.as_ref().map_or(0.0, |indirect| indirect.cost().of(1, rays))
     }
 }

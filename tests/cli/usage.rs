@@ -147,7 +147,7 @@ fn wrong_usage_names_the_option() {
         ("compare a.exr b.exr --max-relmse nan", "--max-relmse"),
         ("report no-scene.glb", "--output"),
         ("report no-scene.glb -o x --techniques path,radiosity", "radiosity"),
-        ("report no-scene.glb -o x --techniques radiosity+auto", "[possible values: path, two-pass"),
+        ("report no-scene.glb -o x --techniques radiosity+auto", "[possible values: auto, path, two-pass"),
         ("report no-scene.glb -o x --techniques path,path+oidm", "[possible values: auto, statistical, oidn]"),
         ("report no-scene.glb -o x --techniques path+none", "[possible values: auto, statistical, oidn]"),
         ("report no-scene.glb -o x --techniques path+oidn+auto", "[possible values: auto, statistical, oidn]"),

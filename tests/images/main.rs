@@ -25,6 +25,7 @@ mod setup;
 mod shared_files;
 mod shown;
 mod smooth;
+mod stages;
 mod table;
 mod table1;
 mod time_limit;
