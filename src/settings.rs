@@ -22,7 +22,8 @@ const RAYS_PER_PHOTON: u64 = 64;
 /// Fewer photons take no less time.
 const MIN_PHOTONS: u32 = 4096;
 
-/// Default numbers of photons of the global map and of gather rays per record, from the 12th sample on.
+/// Default numbers of photons of the global map and of gather rays per record, of which there are from a sixteenth to
+/// sixteen times as many.
 const FLUX_PHOTONS: u32 = 65_536;
 const GATHER_RAYS: u32 = 256;
 
@@ -302,15 +303,15 @@ impl Settings {
         self.visibility_map.photons_per_light.unwrap_or(default)
     }
 
-    /// Photons emitted for the global map with 12 to 23 samples per pixel, 65,536 if [`IndirectSettings::photons`] does
-    /// not say. They are in proportion to the samples, down to a sixteenth and up to sixteen times as many; never fewer
-    /// if it or [`IrradianceCacheSettings::gather_rays`] says.
+    /// Photons emitted for the global map, 65,536 if [`IndirectSettings::photons`] does not say. If neither it nor
+    /// [`IrradianceCacheSettings::gather_rays`] does, the first sample has a sixteenth of them. Up to sixteen times as
+    /// many follow.
     pub fn flux_photons(&self) -> u32 {
         self.indirect.photons.unwrap_or(FLUX_PHOTONS)
     }
 
-    /// Gather rays per irradiance record with 12 to 23 samples per pixel, 256 if
-    /// [`IrradianceCacheSettings::gather_rays`] does not say; fewer before and more later, as photons.
+    /// Gather rays per irradiance record, 256 if [`IrradianceCacheSettings::gather_rays`] does not say; fewer for the
+    /// first sample and more later, as photons.
     pub fn gather_rays(&self) -> u32 {
         self.indirect.irradiance_cache.gather_rays.unwrap_or(GATHER_RAYS)
     }

@@ -596,8 +596,8 @@ struct IndirectOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.max_bounces)]
     max_bounces: u32,
 
-    /// Photons emitted for the global map, from all lights together, for the first 23 samples per pixel; more follow.
-    /// By default 4,096 for the first sample, and then in proportion to the samples: 65,536 from the 12th on
+    /// Photons emitted for the global map, from all lights together, for the first 24 samples per pixel; more follow.
+    /// By default 4,096 for the first sample, and then 256 for each gather ray
     #[arg(long, value_name = "N")]
     flux_photons: Option<u32>,
 
@@ -609,8 +609,8 @@ struct IndirectOptions {
     #[arg(long, value_name = "A", default_value_t = Settings::default().indirect.irradiance_cache.accuracy)]
     accuracy: f32,
 
-    /// Gather rays per irradiance record, rounded up to a power of two, for the first 23 samples per pixel; more
-    /// follow. By default 16 for the first sample, and then in proportion to the samples: 256 from the 12th on
+    /// Gather rays per irradiance record, rounded up to a power of two, for the first 24 samples per pixel; more
+    /// follow. By default 16 for the first sample, and then up to 4,096 as long as these gain more than samples do
     #[arg(long, value_name = "N")]
     gather_rays: Option<u32>,
 
