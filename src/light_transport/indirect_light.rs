@@ -234,7 +234,7 @@ fn bind_path(
     let queue = cache.map(|cache| cache.buffers().path_queue());
     let mut sets = scene.to_vec();
     sets.extend(queue.as_ref().map(|queue| queue as &dyn Bindings));
-    Ok(path.bind(gpu, tile, &sets)?)
+    path.bind(gpu, tile, &sets)
 }
 
 #[cfg(test)]

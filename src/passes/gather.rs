@@ -162,7 +162,7 @@ impl Wave {
             for bit in (0..32).filter(|bit| number >> bit & 1 == 1) {
                 point = [point[0] ^ directions[bit][0], point[1] ^ directions[bit][1]];
             }
-            let stratum = |x: u32, strata: u32| (u64::from(x) * u64::from(strata) >> 32) as usize;
+            let stratum = |x: u32, strata: u32| ((u64::from(x) * u64::from(strata)) >> 32) as usize;
             points[stratum(point[1], sectors) * rings as usize + stratum(point[0], rings)] = point;
         }
         points
@@ -309,7 +309,7 @@ mod tests {
         let mut counts = vec![0; (columns * rows) as usize];
         for point in points {
             let [x, y] = [(point[0], columns), (point[1], rows)]
-                .map(|(x, strata)| (u64::from(x) * u64::from(strata) >> 32) as usize);
+                .map(|(x, strata)| ((u64::from(x) * u64::from(strata)) >> 32) as usize);
             counts[y * columns as usize + x] += 1;
         }
         counts
