@@ -76,8 +76,9 @@ impl Renderer<'_> {
             let noise = growth.noise(&means, self.samples);
             error = growth.error;
             while self.stage < LAST_STAGE && fits(self) {
-                let Rays { gather, total, .. } = self.totals.rays();
-                if error.is_some_and(|error| !wants_rays(error, noise, gather, total - gather)) {
+                // Those of samples: photons may be those of another view.
+                let Rays { gather, camera, shadow, audit, bounce, .. } = self.totals.rays();
+                if error.is_some_and(|error| !wants_rays(error, noise, gather, camera + shadow + audit + bounce)) {
                     break;
                 }
                 let changes = self.go_on()?;
