@@ -70,8 +70,8 @@ impl Renderer<'_> {
         if self.stage == LAST_STAGE || is_early || (self.growth.is_some() && !fits(self)) {
             return Ok(());
         }
-        let means = self.pixel_means()?;
-        let mut error = None;
+        let mut means = self.pixel_means()?;
+        let (mut error, first) = (None, self.stage);
         if let Some(growth) = self.growth.take() {
             let noise = growth.noise(&means, self.samples);
             error = growth.error;
@@ -85,7 +85,10 @@ impl Renderer<'_> {
                 error = Some(error_of_rays(changes.iter().copied().zip(means.iter().copied())));
             }
         }
-        self.growth = Some(Growth { samples: self.samples, means: self.pixel_means()?, error });
+        if self.stage > first {
+            means = self.pixel_means()?;
+        }
+        self.growth = Some(Growth { samples: self.samples, means, error });
         Ok(())
     }
 
