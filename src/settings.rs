@@ -274,6 +274,12 @@ impl Settings {
         self.image.spp > 1 && !self.shows_photons()
     }
 
+    /// Whether photons of visibility must prove that they save time: nobody asked for them, and samples tell what they
+    /// are worth.
+    pub(crate) fn tries_photons(&self) -> bool {
+        self.learns_from_shadow_rays() && self.visibility_map.photons_per_light.is_none()
+    }
+
     /// Whether the image depends on the number of visibility photons by more than its noise.
     pub(crate) fn shows_photons(&self) -> bool {
         let map = &self.visibility_map;

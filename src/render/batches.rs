@@ -54,6 +54,7 @@ impl Renderer<'_> {
 
     /// As [`Renderer::render_up_to`], with the indirect light that there is.
     pub(super) fn add_samples(&mut self, limit: u32) -> Result<Progress> {
+        self.begin_trial()?;
         let begun = Instant::now();
         if self.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());
@@ -116,10 +117,10 @@ impl Renderer<'_> {
         let missing = batch.map_or(to_spp, |batch| batch.missing);
         let most = if missing > 0 { most.min(missing) } else { most };
         // Fine cells learn from each batch: the number of samples doubles, so that they learn early. The first
-        // sample is a preview, by few gather rays.
+        // sample is a preview, by few gather rays, and tells whether photons pay.
         let features = &self.specialisation.features;
         let preview = self.stage < 0 && features.has(Feature::GlobalMap);
-        let learning = features.has(Feature::FineCells) || preview;
+        let learning = features.has(Feature::FineCells) || self.with_photons.is_some() || preview;
         let most = if learning { most.min(samples.max(1)) } else { most };
         // In a piece, maps are made again at fixed samples.
         let to_map = TILE_SAMPLES - samples % TILE_SAMPLES;

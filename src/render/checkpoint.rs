@@ -16,7 +16,7 @@ use crate::statistics::totals::Totals;
 use crate::{Error, Result};
 
 /// The first bytes of every file; the number rises when the format changes.
-const MAGIC: &[u8] = b"penumbra checkpoint 7\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 8\n";
 
 /// Bytes of the digest of everything after it.
 const DIGEST: usize = 32;
@@ -36,8 +36,8 @@ pub(super) struct Header {
     pub batches: u32,
     /// How the next batch is shaded.
     pub shade_at_once: bool,
-    /// Whether photons of visibility were left out after the first samples.
-    pub has_left_out_photons: bool,
+    /// Whether photons of visibility are asked; none are before their trial, and after it if they did not pay.
+    pub has_visibility_map: bool,
     pub totals: Totals,
     /// Number of photons that audits added to the map.
     pub added: usize,

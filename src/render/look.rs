@@ -5,11 +5,13 @@ use std::time::Instant;
 
 use super::blocks::Blocks;
 use super::renderer::{Kernels, PreparedView, Renderer, ViewOf};
+use super::worth::of_first_sample;
 use crate::light_transport::first_pass::MadeMaps;
 use crate::light_transport::indirect_light::{IndirectLight, MadeIndirect};
 use crate::light_transport::lighting::Lighting;
 use crate::scene::Camera;
 use crate::specialisation::Specialisation;
+use crate::specialisation::features::Feature;
 use crate::{Error, Result};
 
 impl Renderer<'_> {
@@ -49,7 +51,10 @@ impl Renderer<'_> {
         settings.check()?;
         if !is_glance {
             let anew = Specialisation::new(&self.scene, Some(camera), &settings);
-            self.specialisation = anew.with_deferred_of(&self.specialisation);
+            let full = anew.with_deferred_of(&self.specialisation);
+            (self.specialisation, self.with_photons) = of_first_sample(full, &self.scene, camera, &settings);
+        } else {
+            self.with_photons = None;
         }
         let (gpu, gpu_scene, specialisation) = (self.gpu, &self.gpu_scene, &self.specialisation);
         gpu_scene.set_camera(gpu, camera, [width, height]);
@@ -60,7 +65,8 @@ impl Renderer<'_> {
         // What the last view alone needs is released first.
         let Lighting { visibility_map, indirect, .. } = mem::take(&mut self.lighting);
         self.tiles.clear();
-        let visibility_map = visibility_map.filter(|_| photons == Some(settings.photons_per_light()));
+        let has_map = self.specialisation.features.has(Feature::VisibilityMap);
+        let visibility_map = visibility_map.filter(|_| has_map && photons == Some(settings.photons_per_light()));
         // Other stages have other photons.
         let MadeIndirect { map, records } = indirect.map(IndirectLight::into_made).unwrap_or_default();
         let map = map.filter(|_| self.stage == self.first_stage()).or(self.first_map.take());
@@ -84,7 +90,7 @@ impl Renderer<'_> {
         (self.buffers, self.tiles, self.tile_size) = (buffers, tiles, tile_size);
         (self.camera, self.settings, self.totals) = (camera.clone(), settings, totals);
         (self.stage, self.samples, self.batches, self.shade_at_once) = (stage, 0, 0, false);
-        (self.growth, self.seconds_per_sample, self.has_left_out_photons) = (None, None, false);
+        (self.growth, self.seconds_per_sample) = (None, None);
         self.has_other_views = true;
         Ok(())
     }

@@ -28,6 +28,7 @@ mod tiles;
 mod time_limit;
 mod trial;
 mod unseen;
+mod worth;
 
 pub use batches::Progress;
 pub use checkpoint::Checkpoint;

@@ -12,6 +12,7 @@ use super::notes::notes;
 use super::pieces::PieceSums;
 use super::stages::{grows, settings_of_stage, stage};
 use super::tiles::{TileFilm, TileSize};
+use super::worth::of_first_sample;
 use crate::Result;
 use crate::bvh::Bvh;
 use crate::gpu_scene::lights::LightInfo;
@@ -73,8 +74,9 @@ pub struct Renderer<'g> {
     pub(super) blocks: Option<Blocks>,
     /// See [`crate::passes::shade::ShadeParameters::at_once`].
     pub(super) shade_at_once: bool,
-    /// Photons of visibility decided too few points in the first samples: see [`Renderer::end_trial`].
-    pub(super) has_left_out_photons: bool,
+    /// The specialisation with photons of visibility, while the first sample is to tell whether they pay: see
+    /// [`Renderer::begin_trial`].
+    pub(super) with_photons: Option<Specialisation>,
     /// Calls of [`Renderer::render_batch`] so far.
     pub(super) batches: u32,
     pub(super) totals: Totals,
@@ -101,7 +103,7 @@ impl<'g> Renderer<'g> {
 
     /// As [`Renderer::new`], with features switched on or off whatever the scene needs, to see what each costs.
     /// Kernels, buffers and tables follow the switches, until a trial of photons ends without them (request photons),
-    /// or until it [looks](Renderer::look) a second time.
+    /// or until it [looks](Renderer::look) a second time. Photons are made before the first sample.
     ///
     /// # Errors
     /// Those of [`Renderer::new`], and [`crate::Error::Kernel`] for a feature that lacks what only a scene that needs
@@ -165,6 +167,10 @@ impl<'g> Renderer<'g> {
         let facts: Vec<_> = gpu_scene.lights.lights.iter().map(LightInfo::facts).collect();
         specialisation.of_packed_lights(&scene, &facts);
         specialisation.force(forced);
+        let (specialisation, with_photons) = match forced {
+            [] => of_first_sample(specialisation, &scene, camera, &of_spp),
+            _ => (specialisation, None),
+        };
 
         let start = Instant::now();
         let kernels = Kernels::new(gpu, &specialisation, &gpu_scene.constants(), settings)?;
@@ -203,7 +209,7 @@ impl<'g> Renderer<'g> {
             samples: 0,
             blocks: settings.image.noise.map(|_| Blocks::new(&settings.image)),
             shade_at_once,
-            has_left_out_photons: false,
+            with_photons,
             piece_sums,
             batches: 0,
             totals,

@@ -9,7 +9,6 @@ use super::renderer::Renderer;
 use super::stages::LAST_STAGE;
 use crate::light_transport::shared::Shared;
 use crate::light_transport::visibility_map::MapState;
-use crate::specialisation::features::Feature;
 use crate::{Error, Result};
 
 impl Renderer<'_> {
@@ -56,7 +55,7 @@ impl Renderer<'_> {
             blocks: self.blocks.clone(),
             batches: self.batches,
             shade_at_once: self.shade_at_once,
-            has_left_out_photons: self.has_left_out_photons,
+            has_visibility_map: self.lighting.visibility_map.is_some(),
             totals: self.totals.clone(),
             added: map.added.len(),
             left: map.left,
@@ -88,8 +87,11 @@ impl Renderer<'_> {
                 "is of another scene or camera, or of other settings, such as `image.seed`, `image.spp` or the size",
             ));
         }
+        self.restore_trial(header.samples, header.has_visibility_map)?;
         // Counts are by light, and a render cannot have more samples than requested.
-        if header.totals.photons.len() != self.totals.photons.len()
+        let has_map = self.lighting.visibility_map.is_some();
+        if header.has_visibility_map != has_map
+            || (has_map && header.totals.photons.len() != self.totals.photons.len())
             || header.samples > self.settings.image.range().count()
         {
             return Err(damaged());
@@ -109,12 +111,6 @@ impl Renderer<'_> {
             let (state, others) = rest.split_at_checked(plane.state_words()).ok_or_else(damaged)?;
             plane.restore(self.gpu, state);
             rest = others;
-        }
-        if header.has_left_out_photons {
-            if !self.specialisation.features.has(Feature::FineCells) {
-                return Err(damaged());
-            }
-            self.leave_out_photons()?;
         }
         let growth = match header.growth {
             Some(GrowthHeader { samples, error }) => {

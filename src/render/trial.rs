@@ -1,54 +1,104 @@
-//! The trial of visibility photons: whether they decide enough points to be asked further.
+//! The trial of visibility photons: whether they are made, and whether they decide enough points to be asked further.
 
+use std::mem;
 use std::time::Instant;
 
 use super::renderer::Renderer;
+use super::worth::{TRIAL_SAMPLES, decide_enough, is_on_trial, problem_of_photons, without_photons};
 use crate::Result;
+use crate::gpu_scene::CameraUniform;
 use crate::light_transport::direct_light::DirectLightKernels;
+use crate::light_transport::first_pass::{FirstPass, MadeMaps};
+use crate::light_transport::kernels::DirectKernels;
 use crate::light_transport::shared::Shared;
-use crate::settings::Technique;
-use crate::specialisation::Specialisation;
 use crate::specialisation::features::Feature;
 use crate::statistics::Points;
 
-/// Samples per pixel after which photons must decide [`MIN_DECIDED`] of the points. The rays of one sample and of two
-/// have classified the fine cells by then.
-const TRIAL_SAMPLES: u32 = 4;
-
-/// Share of points that photons must decide in the last samples of the trial, else all shadow rays are traced from then
-/// on. It was 0.08 to 0.29 in models where 64 samples took 1.06 to 1.3 times as long as those of `two-pass`
-/// (docs/decisions.md), and 0.46 to 1 in all other scenes that were measured, where they took 0.4 to 1.1 times as long.
-const MIN_DECIDED: f64 = 0.35;
-
 impl Renderer<'_> {
-    /// Ends the trial after its last batch, before which pixels had `samples` and points had been `counted`. Photons
-    /// stay if somebody asked for them.
-    pub(super) fn end_trial(&mut self, samples: u32, counted: &Points) -> Result<()> {
-        let is_on_trial = self.specialisation.features.has(Feature::FineCells)
-            && self.settings.visibility_map.photons_per_light.is_none();
-        if !is_on_trial || samples >= TRIAL_SAMPLES || self.samples < TRIAL_SAMPLES {
+    /// Decides after the first sample, which traces all shadow rays, whether there are photons from then on.
+    pub(super) fn begin_trial(&mut self) -> Result<()> {
+        if self.samples == 0 || self.with_photons.is_none() {
             return Ok(());
         }
-        let Points { lit, shadowed, total, .. } = self.totals.points();
-        let decided = (lit + shadowed - counted.lit - counted.shadowed) as f64;
-        if decided < MIN_DECIDED * (total - counted.total) as f64 { self.leave_out_photons() } else { Ok(()) }
+        let Some(problem) = problem_of_photons(&self.totals.points(), &self.settings) else {
+            return self.make_photons();
+        };
+        self.with_photons = None;
+        self.specialisation.explain(Feature::VisibilityMap, problem);
+        Ok(())
     }
 
-    /// Traces all shadow rays from now on, with the kernels of `two-pass` for direct light.
-    pub(super) fn leave_out_photons(&mut self) -> Result<()> {
+    /// Makes the photons of visibility that are on trial, and asks them from now on.
+    fn make_photons(&mut self) -> Result<()> {
+        let Some(specialisation) = &self.with_photons else { return Ok(()) };
         let start = Instant::now();
-        let settings = self.settings.clone().with(|s| s.technique = Technique::TWO_PASS);
-        let plain = Specialisation::new(&self.scene, Some(&self.camera), &settings);
-        self.specialisation = plain.with_deferred_of(&self.specialisation);
+        let (gpu, scene, gpu_scene, tile, settings) =
+            (self.gpu, &self.scene, &self.gpu_scene, &self.buffers, &self.settings);
+        let direct_kernels = DirectKernels::new(gpu, &specialisation.features, &gpu_scene.constants(), settings)?;
+        gpu.compile_ahead(gpu_scene)?;
+        self.totals.time_compile += start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        let mut first_pass = FirstPass {
+            shared: Shared { gpu, scene, gpu_scene, tile },
+            direct_kernels,
+            indirect_kernels: &self.indirect_kernels,
+            primary: &self.primary,
+            camera: &CameraUniform::new(&self.camera, settings.image.width, settings.image.height),
+            settings,
+            indirect_settings: settings,
+            points: self.tile_size.points,
+            totals: &mut self.totals,
+            made: MadeMaps::default(),
+            lighting: mem::take(&mut self.lighting),
+        };
+        let bytes = first_pass.lighting.frame_bytes();
+        // Old and new buffers need not fit beside each other.
+        first_pass.lighting.direct = None;
+        let steps = [FirstPass::make_visibility_map, FirstPass::make_fine_cells, FirstPass::make_direct_light];
+        let made = steps.into_iter().try_for_each(|step| step(&mut first_pass));
+        self.lighting = first_pass.lighting;
+        // After an error they are still to be made: the next batch tries again.
+        made?;
+        gpu.wait("photons")?;
+        self.totals.frame_bytes += self.lighting.frame_bytes().saturating_sub(bytes);
+        self.totals.time_render += start.elapsed().as_secs_f64();
+        self.specialisation = self.with_photons.take().unwrap_or_else(|| self.specialisation.clone());
+        // Nothing tells yet how many points photons leave to shadow rays.
+        self.shade_at_once = false;
+        Ok(())
+    }
+
+    /// Takes the state of the trial of a render with `samples` samples per pixel, which has photons or does not.
+    pub(super) fn restore_trial(&mut self, samples: u32, has_photons: bool) -> Result<()> {
+        if has_photons {
+            return self.make_photons();
+        }
+        self.with_photons = self.with_photons.take().filter(|_| samples <= 1);
+        Ok(())
+    }
+
+    /// Ends the trial after its last batch, before which pixels had `samples` and points had been `counted`.
+    pub(super) fn end_trial(&mut self, samples: u32, counted: &Points) -> Result<()> {
+        let ends = samples < TRIAL_SAMPLES && self.samples >= TRIAL_SAMPLES;
+        if !ends || !is_on_trial(&self.specialisation, &self.settings) {
+            return Ok(());
+        }
+        if decide_enough(counted, samples, &self.totals.points()) { Ok(()) } else { self.leave_out_photons() }
+    }
+
+    /// Traces all shadow rays from now on.
+    fn leave_out_photons(&mut self) -> Result<()> {
+        let start = Instant::now();
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+        let reason = "its photons decided few points";
+        self.specialisation = without_photons(&self.specialisation, scene, &self.camera, &self.settings, reason);
         let features = &self.specialisation.features;
-        let kernels = DirectLightKernels::new(gpu, features, &gpu_scene.constants(), &settings)?;
+        let kernels = DirectLightKernels::new(gpu, features, &gpu_scene.constants(), &self.settings)?;
         let lighting = &mut self.lighting;
         (lighting.direct, lighting.visibility_map, lighting.fine_cells) = (None, None, None);
         let shared = Shared { gpu, scene, gpu_scene, tile };
-        lighting.make_direct_light(&shared, kernels, self.tile_size.points, &settings)?;
+        lighting.make_direct_light(&shared, kernels, self.tile_size.points, &self.settings)?;
         self.totals.time_compile += start.elapsed().as_secs_f64();
-        self.has_left_out_photons = true;
         Ok(())
     }
 }

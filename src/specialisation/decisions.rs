@@ -42,6 +42,12 @@ impl Specialisation {
         list.push(Item { feature, reason, cost: cost.to_owned() });
     }
 
+    /// Gives another reason for what was decided on a feature.
+    pub(crate) fn explain(&mut self, feature: Feature, reason: &str) {
+        let items = self.kept.iter_mut().chain(&mut self.left_out);
+        items.filter(|item| item.feature == feature).for_each(|item| reason.clone_into(&mut item.reason));
+    }
+
     /// Switches features whatever was decided on them.
     pub(crate) fn force(&mut self, forced: &[(Feature, bool)]) {
         forced.iter().for_each(|(feature, on)| self.features.set(*feature, *on));

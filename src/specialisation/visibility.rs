@@ -10,30 +10,24 @@ use crate::specialisation::features::Feature;
 /// The reason why the environment has no visibility photons.
 const NO_PHOTONS: &str = "nearly every point sees a part of it, so photons would find boundaries everywhere";
 
-/// Shadow rays to a light from which on its photons and cells save time. Time over that of `two-pass` in
-/// `scenes/{box,sphere,crowd,materials}.glb`, whose surfaces fill the image: 0.7 to 1.6 with 1 million shadow rays, 0.7
-/// to 1.4 with 2 million, 0.6 to 1.05 with 4 million, 0.6 to 0.9 with 8 million. Single models, which fill a part of
-/// it: 1.1 to 1.6 with 4 million for the whole image.
-const SHADOW_RAYS_OF_MAP: f64 = 2_097_152.0;
+/// Shadow rays, of all points that face a light, from which on photons and cells save time. Time of render and of
+/// kernels over those of `two-pass` in `scenes/{box,sphere,crowd,procedural,materials}.glb` (512 x 512 pixels): 0.96 to
+/// 1.4 with 2 to 4 million shadow rays, 0.75 to 1.04 with 5 to 8 million, 0.58 to 0.8 with 9 to 16 million
+/// (docs/decisions.md).
+pub(crate) const SHADOW_RAYS_OF_MAP: f64 = 4_194_304.0;
 
-/// The same beside an environment, whose rays stay, and whose light points are to be shaded at every point: with 3
-/// million shadow rays to a light of `scenes/still_life.glb` the time over that of `two-pass` was 1.24, with 12 million
-/// 0.97.
-const SHADOW_RAYS_OF_MAP_UNDER_SKY: f64 = 2.0 * SHADOW_RAYS_OF_MAP;
-
-/// Whether photons and cells save more time than they take, or are requested.
+/// Whether photons and cells may save more time than they take, or are requested.
 fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
     if settings.visibility_map.photons_per_light.is_some() || settings.shows_photons() {
         return true;
     }
     let rays = settings.shadow_rays_to_a_light() as f64;
-    let enough = if scene.environment().is_some() { SHADOW_RAYS_OF_MAP_UNDER_SKY } else { SHADOW_RAYS_OF_MAP };
-    if rays < enough {
+    if rays < SHADOW_RAYS_OF_MAP {
         return false;
     }
     let aspect = settings.image.width as f32 / settings.image.height as f32;
     let covered = camera.map_or(1.0, |camera| scene.covered_share(camera, aspect));
-    covered * rays >= enough
+    covered * rays >= SHADOW_RAYS_OF_MAP
 }
 
 impl Specialisation {
@@ -71,6 +65,9 @@ impl Specialisation {
         };
         let wanted = map && pays && !many && !few_sampled && placed > 0 && !scene.is_empty();
         let mut why = format!("{photons} photons distinguish lit from shadowed points");
+        if settings.tries_photons() {
+            why += ", if the first sample finds few of them in penumbrae";
+        }
         if scene.environment().is_some() {
             why += &format!("; none are of the environment: {NO_PHOTONS}");
         }

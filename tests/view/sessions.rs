@@ -70,9 +70,12 @@ fn the_first_picture_comes_before_photons() {
     // 64 x 48 pixels have so many shadow rays that photons pay, and so would a quarter of each side.
     let settings = Settings::builder().size(64, 48).spp(16_384).build().unwrap();
     let mut session = session(gpu(), BOX.as_ref(), settings.clone());
-    // As it is of a render.
+    // As they are of a render.
     let scene = Scene::load(BOX, &ImportOptions::default()).unwrap();
-    let new = Renderer::new(gpu(), scene.clone(), &scene.cameras[0], &settings).unwrap();
+    let mut new = Renderer::new(gpu(), scene.clone(), &scene.cameras[0], &settings).unwrap();
+    while new.samples() < 2 {
+        new.render_batch().unwrap();
+    }
     let emitted = |photons: &[penumbra::internal::statistics::LightPhotons]| photons.iter().map(|p| p.emitted).sum();
     let photons = |session: &Session<'_>| emitted(&session.statistics().unwrap().unwrap().photons);
     let of_render: u64 = emitted(&new.statistics().unwrap().photons);
@@ -82,6 +85,8 @@ fn the_first_picture_comes_before_photons() {
     assert_eq!(photons(&session), 0, "before the first picture");
     let second = session.step().unwrap().0.unwrap();
     assert_eq!((second.size, second.samples), ([64, 48], 1));
+    assert_eq!(photons(&session), 0, "before its first sample");
+    session.step().unwrap();
     assert!(of_render > 0);
     assert_eq!(photons(&session), of_render, "of the full size");
 }

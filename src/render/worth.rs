@@ -1,0 +1,83 @@
+//! What photons of visibility are worth to a render: by its first sample, and by the points that they decide.
+
+use crate::scene::{Camera, Scene};
+use crate::settings::{Settings, Technique};
+use crate::specialisation::Specialisation;
+use crate::specialisation::features::Feature;
+use crate::specialisation::visibility::SHADOW_RAYS_OF_MAP;
+use crate::statistics::Points;
+
+/// Share of points in a penumbra, of all points that face a light, from which on no photons are made. Each of their
+/// points traces shadow rays whatever photons say, and so do points around them. It was 0.13 to 0.39 in a scene and in
+/// five models where 64 samples with photons took 0.97 to 1.4 times as long as those of `two-pass`, and 0 to 0.09 in
+/// all others that were measured (docs/decisions.md).
+const MAX_PENUMBRAE: f64 = 0.11;
+
+/// Samples per pixel after which photons must be expected to decide [`MIN_DECIDED`] of the points. The shadow rays of
+/// three samples have classified the fine cells by then.
+pub(super) const TRIAL_SAMPLES: u32 = 8;
+
+/// Share of points that photons must be expected to decide, else all shadow rays are traced from then on: scenes with
+/// few penumbrae may have boundaries everywhere. 64 samples took 0.4 to 0.9 times as long as those of `two-pass` with a
+/// larger share, and 1.05 to 1.4 times with a smaller one (docs/decisions.md).
+const MIN_DECIDED: f64 = 0.6;
+
+/// The share grows further, as fine cells are divided: in 16 scenes and models that of 64 samples was close to that of
+/// the trial's last samples with this part of its growth since the samples before (docs/decisions.md).
+const FURTHER_GROWTH: f64 = 0.5;
+
+/// What makes photons dearer than the shadow rays that they may save, by the points of a first sample that traced all
+/// of them; none if photons are worth a trial.
+pub(super) fn problem_of_photons(points: &Points, settings: &Settings) -> Option<&'static str> {
+    let rays_of_point = [settings.image.spp, settings.shadow_rays.samples].map(f64::from);
+    let rays = points.total as f64 * rays_of_point.into_iter().product::<f64>();
+    if rays < SHADOW_RAYS_OF_MAP {
+        return Some("few points face a light");
+    }
+    (points.fill_seen >= MAX_PENUMBRAE).then_some("many points are in penumbrae")
+}
+
+/// Whether photons will decide enough points: by those of the first `samples` samples, of which the very first had no
+/// photons, and those of all samples so far.
+pub(super) fn decide_enough(counted: &Points, samples: u32, points: &Points) -> bool {
+    let share = |decided: u64, total: f64| decided as f64 / total.max(1.0);
+    let tried = f64::from(samples - 1) / f64::from(samples);
+    let first = share(counted.lit + counted.shadowed, counted.total as f64 * tried);
+    let decided = points.lit + points.shadowed - counted.lit - counted.shadowed;
+    let last = share(decided, (points.total - counted.total) as f64);
+    last + FURTHER_GROWTH * (last - first) >= MIN_DECIDED
+}
+
+/// Whether such a render has photons of visibility if they prove that they save time.
+pub(super) fn is_on_trial(specialisation: &Specialisation, settings: &Settings) -> bool {
+    specialisation.features.has(Feature::FineCells) && settings.tries_photons()
+}
+
+/// The specialisation of the first sample, and that of the samples after it if photons pay: none if they are made in
+/// any case, or not at all. `settings` are those of the specialisation.
+pub(super) fn of_first_sample(
+    specialisation: Specialisation,
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+) -> (Specialisation, Option<Specialisation>) {
+    if !is_on_trial(&specialisation, settings) {
+        return (specialisation, None);
+    }
+    let reason = "the first sample is to tell how many points are in penumbrae";
+    (without_photons(&specialisation, scene, camera, settings, reason), Some(specialisation))
+}
+
+/// The same render without photons of visibility, for that `reason`: with the kernels of `two-pass` for direct light.
+pub(super) fn without_photons(
+    specialisation: &Specialisation,
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    reason: &str,
+) -> Specialisation {
+    let settings = settings.clone().with(|s| s.technique = Technique::TWO_PASS);
+    let mut without = Specialisation::new(scene, Some(camera), &settings).with_deferred_of(specialisation);
+    without.explain(Feature::VisibilityMap, reason);
+    without
+}
