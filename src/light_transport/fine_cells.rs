@@ -6,10 +6,9 @@ use super::shared::Shared;
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::passes::fine_cells::{FineCell, FineCellBindings, FineCellTable, FineCellView, FineCells};
-use crate::settings::Settings;
 
-/// Entries of the table for each pixel and light, of at most [`COUNTED_LIGHTS`] lights. A view full of small shadows
-/// (`scenes/crowd.glb`, 256 x 256) uses 2.2 a pixel; twice that keeps searches short.
+/// Entries of the table for each pixel that surfaces cover and each light, of at most [`COUNTED_LIGHTS`] lights. A view
+/// full of small shadows (`scenes/crowd.glb`, 256 x 256) uses 2.2 a pixel; twice that keeps searches short.
 const ENTRIES_PER_PIXEL: u64 = 4;
 
 /// More lights seldom have boundaries at the same pixels.
@@ -31,18 +30,18 @@ pub(crate) struct FineCellMap {
 }
 
 impl FineCellMap {
-    /// An empty table for the camera's view.
+    /// An empty table for the camera's view of `height` pixels, of whose pixels surfaces cover `covered`.
     pub fn new(
         shared: &Shared<'_>,
         kernel: &FineCells,
         camera: &CameraUniform,
-        settings: &Settings,
+        height: u32,
+        covered: u64,
     ) -> Result<FineCellMap> {
-        let pixels = u64::from(settings.image.width) * u64::from(settings.image.height);
         let lights = shared.scene.placed_lights().len() as u64;
-        let wanted = ENTRIES_PER_PIXEL * pixels * lights.clamp(1, COUNTED_LIGHTS);
+        let wanted = ENTRIES_PER_PIXEL * covered * lights.clamp(1, COUNTED_LIGHTS);
         let entries = wanted.next_power_of_two().clamp(MIN_ENTRIES, MAX_ENTRIES) as u32;
-        let view = FineCellView::new(camera, settings.image.height, entries);
+        let view = FineCellView::new(camera, height, entries);
         let table = FineCellTable::new(shared.gpu, view)?;
         let classify = kernel.bind(shared.gpu, &table)?;
         Ok(FineCellMap { table, view, classify, classified_at: 0 })

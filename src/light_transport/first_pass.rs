@@ -16,6 +16,7 @@ use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::gpu_scene::light_buffer::LightBuffers;
 use crate::passes::primary::BoundPrimary;
+use crate::scene::Camera;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 
@@ -32,6 +33,8 @@ pub(crate) struct FirstPass<'a> {
     pub direct_kernels: DirectKernels,
     pub indirect_kernels: &'a IndirectKernels,
     pub primary: &'a BoundPrimary,
+    pub view: &'a Camera,
+    /// The same for kernels.
     pub camera: &'a CameraUniform,
     pub settings: &'a Settings,
     /// Those of indirect light, whose photons and gather rays depend on the first sample.
@@ -70,7 +73,11 @@ impl FirstPass<'_> {
     /// Makes an empty table of fine cells, which the shadow rays of the first samples fill.
     pub fn make_fine_cells(&mut self) -> Result<()> {
         if let Some(kernel) = self.direct_kernels.fine_cells.take() {
-            self.lighting.fine_cells = Some(FineCellMap::new(&self.shared, &kernel, self.camera, self.settings)?);
+            let image = &self.settings.image;
+            let covered = self.shared.scene.covered_share(self.view, image.width as f32 / image.height as f32);
+            let pixels = (covered * f64::from(image.width) * f64::from(image.height)) as u64;
+            let cells = FineCellMap::new(&self.shared, &kernel, self.camera, image.height, pixels)?;
+            self.lighting.fine_cells = Some(cells);
         }
         Ok(())
     }

@@ -290,6 +290,7 @@ impl ViewOf<'_> {
             direct_kernels: direct,
             indirect_kernels: &indirect_kernels,
             primary: &primary,
+            view: camera,
             camera: &CameraUniform::new(camera, settings.image.width, settings.image.height),
             settings,
             indirect_settings: &settings_of_stage(settings, stage),

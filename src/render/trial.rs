@@ -43,6 +43,7 @@ impl Renderer<'_> {
             direct_kernels,
             indirect_kernels: &self.indirect_kernels,
             primary: &self.primary,
+            view: &self.camera,
             camera: &CameraUniform::new(&self.camera, settings.image.width, settings.image.height),
             settings,
             indirect_settings: settings,

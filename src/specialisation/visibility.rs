@@ -10,11 +10,16 @@ use crate::specialisation::features::Feature;
 /// The reason why the environment has no visibility photons.
 const NO_PHOTONS: &str = "nearly every point sees a part of it, so photons would find boundaries everywhere";
 
-/// Shadow rays, of all points that face a light, from which on photons and cells save time. Time of render and of
-/// kernels over those of `two-pass` in `scenes/{box,sphere,crowd,procedural,materials}.glb` (512 x 512 pixels): 0.96 to
-/// 1.4 with 2 to 4 million shadow rays, 0.75 to 1.04 with 5 to 8 million, 0.58 to 0.8 with 9 to 16 million
+/// Shadow rays, of all points that face a light, from which on photons and cells save time. Render time over that of
+/// `two-pass` in `scenes/{box,sphere,crowd,procedural,materials}.glb`: 0.53 to 1.01 with 2 to 4 million shadow rays
+/// (256 x 256 pixels, 16 samples), 0.6 to 0.91 with 5 to 8 million, 0.5 to 0.72 with 9 to 16 million
 /// (docs/decisions.md).
-pub(crate) const SHADOW_RAYS_OF_MAP: f64 = 4_194_304.0;
+pub(crate) const SHADOW_RAYS_OF_MAP: f64 = 2_097_152.0;
+
+/// Samples per pixel from which on they do: fewer leave too little for fine cells to learn. With 4 million shadow rays
+/// `scenes/crowd.glb` took 1.17 times as long as by `two-pass` with 4 samples of 512 x 512 pixels, and 0.9 times with
+/// 16 of 256 x 256.
+const SAMPLES_OF_MAP: u32 = 8;
 
 /// Whether photons and cells may save more time than they take, or are requested.
 fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
@@ -22,7 +27,7 @@ fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> b
         return true;
     }
     let rays = settings.shadow_rays_to_a_light() as f64;
-    if rays < SHADOW_RAYS_OF_MAP {
+    if rays < SHADOW_RAYS_OF_MAP || settings.image.spp < SAMPLES_OF_MAP {
         return false;
     }
     let aspect = settings.image.width as f32 / settings.image.height as f32;
