@@ -1,5 +1,5 @@
-//! The steps of a technique's first pass, which runs once, before the first sample. A step does nothing if the
-//! specialisation left its kernels out.
+//! The steps of a technique's first pass, which runs once, before the first sample; those of photons that are on trial
+//! run after it. A step does nothing if the specialisation left its kernels out.
 
 use std::mem;
 
