@@ -30,7 +30,7 @@ impl Renderer<'_> {
 
     /// Makes the photons of visibility that are on trial, and asks them from now on.
     fn make_photons(&mut self) -> Result<()> {
-        let Some(specialisation) = &self.with_photons else { return Ok(()) };
+        let Some(specialisation) = self.with_photons.clone() else { return Ok(()) };
         let start = Instant::now();
         let (gpu, scene, gpu_scene, tile, settings) =
             (self.gpu, &self.scene, &self.gpu_scene, &self.buffers, &self.settings);
@@ -63,7 +63,7 @@ impl Renderer<'_> {
         gpu.wait("photons")?;
         self.totals.frame_bytes += self.lighting.frame_bytes().saturating_sub(bytes);
         self.totals.time_render += start.elapsed().as_secs_f64();
-        self.specialisation = self.with_photons.take().unwrap_or_else(|| self.specialisation.clone());
+        (self.specialisation, self.with_photons) = (specialisation, None);
         // Nothing tells yet how many points photons leave to shadow rays.
         self.shade_at_once = false;
         Ok(())
@@ -74,7 +74,9 @@ impl Renderer<'_> {
         if has_photons {
             return self.make_photons();
         }
-        self.with_photons = self.with_photons.take().filter(|_| samples <= 1);
+        if samples > 1 && self.with_photons.take().is_some() {
+            self.specialisation.explain(Feature::VisibilityMap, "photons did not pay in the first samples");
+        }
         Ok(())
     }
 

@@ -18,8 +18,8 @@ const MAX_PENUMBRAE: f64 = 0.11;
 pub(super) const TRIAL_SAMPLES: u32 = 8;
 
 /// Share of points that photons must be expected to decide, else all shadow rays are traced from then on: scenes with
-/// few penumbrae may have boundaries everywhere. 64 samples took 0.4 to 0.9 times as long as those of `two-pass` with a
-/// larger share, and 1.05 to 1.4 times with a smaller one (docs/decisions.md).
+/// few penumbrae may have boundaries everywhere. 64 samples took 0.4 to 1.1 times as long as those of `two-pass` with a
+/// larger share, and 0.97 to 1.4 times with a smaller one (docs/decisions.md).
 const MIN_DECIDED: f64 = 0.6;
 
 /// The share grows further, as fine cells are divided: in 16 scenes and models that of 64 samples was close to that of
