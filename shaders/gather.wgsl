@@ -58,19 +58,19 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(2) var<storage, read> wanted: array<u32>;
 // Points of the wave in the unit square, by stratum: a part of a (0, 2)-sequence, so that with those of earlier waves
 // they are stratified as one.
-@group(0) @binding(11) var<storage, read> wave_points: array<vec2u>;
-@group(0) @binding(12) var<storage, read_write> record_origins: array<RecordOrigin>;
+@group(0) @binding(3) var<storage, read> wave_points: array<vec2u>;
+@group(0) @binding(4) var<storage, read_write> record_origins: array<RecordOrigin>;
 // For each ray: its radiance, and the distance of its hit.
-@group(0) @binding(3) var<storage, read_write> gathered: array<vec4f>;
+@group(0) @binding(5) var<storage, read_write> gathered: array<vec4f>;
 // The rays that `follow` continues: how many, the arguments of the dispatch over them, their numbers (with
 // FOLLOW_RESIDUAL in the top bit) and their hits.
-@group(0) @binding(4) var<storage, read_write> follow_count: array<atomic<u32>, 1>;
-@group(0) @binding(5) var<storage, read_write> follow_arguments: array<u32, 3>;
-@group(0) @binding(6) var<storage, read_write> follow_rays: array<u32>;
-@group(0) @binding(7) var<storage, read_write> follow_hits: array<vec4f>;
-@group(0) @binding(8) var<storage, read_write> record_heads: array<vec4f>;
-@group(0) @binding(9) var<storage, read_write> record_values: array<vec4f>;
-@group(0) @binding(10) var<storage, read_write> counters: array<atomic<u32>>;
+@group(0) @binding(6) var<storage, read_write> follow_count: array<atomic<u32>, 1>;
+@group(0) @binding(7) var<storage, read_write> follow_arguments: array<u32, 3>;
+@group(0) @binding(8) var<storage, read_write> follow_rays: array<u32>;
+@group(0) @binding(9) var<storage, read_write> follow_hits: array<vec4f>;
+@group(0) @binding(10) var<storage, read_write> record_heads: array<vec4f>;
+@group(0) @binding(11) var<storage, read_write> record_values: array<vec4f>;
+@group(0) @binding(12) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Marks a ray whose look-up gave the diffuse part: its path adds only the rest, the reflection of a metal.
 const FOLLOW_RESIDUAL = 0x80000000u;

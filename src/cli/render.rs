@@ -122,7 +122,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     if let Some(problem) = &no_denoiser {
         notes.say(&[format!("{}; the image stays raw", with_flags(&problem.to_string()))]);
     }
-    show_compilation(&gpu, arguments.quiet);
+    prepare(&gpu, arguments.quiet);
     let pixels = u64::from(settings.image.part().width) * u64::from(settings.image.part().height);
     if let Some(time) = arguments.time.filter(|_| arguments.denoise.is_none() && arguments.noise.is_none())
         && denoiser.fit(&gpu, pixels, DENOISED_SHARE * time.as_secs_f64())
@@ -170,6 +170,13 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         }
     }
     end(session.stopped, no_denoiser)
+}
+
+/// Prepares a device that was opened: samples with photons use kernels of those without, frames of a sequence those of
+/// the first, and denoisers those that were compiled beside the renderer's.
+fn prepare(gpu: &Gpu, quiet: bool) {
+    gpu.keep_kernels();
+    show_compilation(gpu, quiet);
 }
 
 /// The end of a render whose images are written.
@@ -228,7 +235,6 @@ impl Session<'_> {
     /// Renders the frames of a sequence that are missing, of which `first` is the first.
     fn render_sequence(&mut self, gpu: &mut Gpu, first: Subject, around: Option<&Surroundings>) -> Result<()> {
         let arguments = self.arguments;
-        gpu.keep_kernels();
         let (view, settings) = (first.camera.clone(), first.settings.clone());
         let (space, is_framed) = (first.scene.normalisation, arguments.scene.frames(&first.scene));
         let views = arguments.views(&first.scene)?.unwrap_or_default();
@@ -294,19 +300,23 @@ impl Session<'_> {
     fn render_subject(&mut self, gpu: &mut Gpu, subject: &Subject, from: Option<Checkpoint>) -> Result<Image> {
         let Subject { scene, camera, settings } = subject;
         let device = &self.arguments.device;
-        let (is_sequence, quiet) = (self.fingerprint.is_some(), self.arguments.quiet);
+        let (denoiser, quiet) = (self.denoiser, self.arguments.quiet);
         let open = || {
             let gpu = device.open()?;
-            show_compilation(&gpu, quiet);
-            if is_sequence {
-                gpu.keep_kernels();
-            }
+            prepare(&gpu, quiet);
             Ok(gpu)
         };
         let rendered = recovery::render(
             gpu,
             open,
-            |gpu| Renderer::new(gpu, scene.clone(), camera, settings),
+            |gpu| {
+                let (compile, mut compiled) = (denoiser.compilation(), Ok(()));
+                let renderer = thread::scope(|scope| {
+                    scope.spawn(|| compiled = compile(gpu));
+                    Renderer::new(gpu, scene.clone(), camera, settings)
+                });
+                compiled.and(renderer)
+            },
             from,
             |renderer| self.render(renderer),
         );

@@ -34,6 +34,8 @@ pub struct GpuLights {
     pub lights: Vec<LightInfo>,
     /// The panorama, where there is one.
     pub environment: Option<GpuEnvironment>,
+    /// Bytes of the lights on the device, with those of the panorama.
+    pub bytes: u64,
     lights_table: Table,
     emitters: Table,
     vertices: Table,
@@ -69,7 +71,10 @@ impl GpuLights {
         let mut table = vec![header, receivers.map_or([0; 4], |bounds| bits(bounds.centre, bounds.radius))];
         table.extend(texels.into_flattened());
         meshes.emitters.extend(meshes.primitives);
+        let records = table.len() + meshes.emitters.len() + meshes.vertices.len();
+        let panorama = environment.as_ref().map_or(0, |environment| environment.bytes);
         Ok(GpuLights {
+            bytes: records as u64 * 16 + panorama,
             lights,
             environment,
             lights_table: gpu.table("penumbra/scene/light_texels", &table, TableFormat::Uint)?,

@@ -106,15 +106,14 @@ impl GpuScene {
         // restricted to the receiver bounds.
         let receivers = if features.has(Feature::VisibilityEstimate) { None } else { ReceiverBounds::of(scene) };
         let lights = GpuLights::new(gpu, scene, receivers)?;
-        let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);
         Ok(GpuScene {
+            bytes: texels as u64 * 16 + textures.bytes + lights.bytes,
             lights,
             nodes,
             packet_nodes,
             triangles,
             camera: gpu.upload("penumbra/scene/camera", &[CameraUniform::new(camera, size[0], size[1])])?,
             sheen_albedos: features.has(Feature::Sheen).then(|| sheen::upload(gpu)).transpose()?,
-            bytes: texels as u64 * 16 + textures.bytes + panorama,
             instances: bvh.instances,
             surfaces,
             textures,

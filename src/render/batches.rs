@@ -49,12 +49,13 @@ impl Renderer<'_> {
     /// As [`Renderer::render_batch`].
     pub fn render_up_to(&mut self, limit: u32) -> Result<Progress> {
         self.refine(&mut |_| true)?;
-        self.add_samples(limit)
+        self.add_samples(limit, self.settings.image.spp)
     }
 
-    /// As [`Renderer::render_up_to`], with the indirect light that there is.
-    pub(super) fn add_samples(&mut self, limit: u32) -> Result<Progress> {
-        self.begin_trial()?;
+    /// As [`Renderer::render_up_to`], with the indirect light that there is, for a render that is expected to end with
+    /// `spp` samples per pixel.
+    pub(super) fn add_samples(&mut self, limit: u32, spp: u32) -> Result<Progress> {
+        self.begin_trial(spp)?;
         let begun = Instant::now();
         if self.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());

@@ -27,7 +27,8 @@ impl Renderer<'_> {
         self.refine_within(seconds)?;
         let left = seconds - start.elapsed().as_secs_f64();
         let limit = sample.map_or(1, |sample| ((left / sample) as u32).max(1));
-        self.add_samples(limit).map(Some)
+        let spp = self.samples.saturating_add(limit).min(self.settings.image.spp);
+        self.add_samples(limit, spp).map(Some)
     }
 
     /// As [`Renderer::render_batch`], if all of the batch and of the indirect light that is due is expected to end

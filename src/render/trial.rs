@@ -15,16 +15,24 @@ use crate::specialisation::features::Feature;
 use crate::statistics::Points;
 
 impl Renderer<'_> {
-    /// Decides after the first sample, which traces all shadow rays, whether there are photons from then on.
-    pub(super) fn begin_trial(&mut self) -> Result<()> {
+    /// Decides after the first sample, which traces all shadow rays, whether there are photons from then on: whether
+    /// they pay in a render that is expected to end with `spp` samples per pixel. It waits where they only lack time,
+    /// as there may be more of it later.
+    pub(super) fn begin_trial(&mut self, spp: u32) -> Result<()> {
         if self.samples == 0 || self.with_photons.is_none() {
             return Ok(());
         }
-        let Some(problem) = problem_of_photons(&self.totals.points(), &self.settings) else {
+        let (points, settings) = (self.totals.points(), &self.settings);
+        let problem = |spp: u32| problem_of_photons(&points, self.samples, settings, spp);
+        let problem_of_all = problem(settings.image.spp);
+        if problem(spp).is_none() {
             return self.make_photons();
-        };
-        self.with_photons = None;
-        self.specialisation.explain(Feature::VisibilityMap, problem);
+        }
+        if problem_of_all.is_some() {
+            self.with_photons = None;
+        }
+        let reason = problem_of_all.unwrap_or("few samples fit the time");
+        self.specialisation.explain(Feature::VisibilityMap, reason);
         Ok(())
     }
 

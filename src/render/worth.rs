@@ -4,7 +4,7 @@ use crate::scene::{Camera, Scene};
 use crate::settings::{Settings, Technique};
 use crate::specialisation::Specialisation;
 use crate::specialisation::features::Feature;
-use crate::specialisation::visibility::SHADOW_RAYS_OF_MAP;
+use crate::specialisation::visibility::{SAMPLES_OF_MAP, SHADOW_RAYS_OF_MAP};
 use crate::statistics::Points;
 
 /// Share of points in a penumbra, of all points that face a light, from which on no photons are made. Each of their
@@ -26,12 +26,14 @@ const MIN_DECIDED: f64 = 0.6;
 /// the trial's last samples with this part of its growth since the samples before (docs/decisions.md).
 const FURTHER_GROWTH: f64 = 0.5;
 
-/// What makes photons dearer than the shadow rays that they may save, by the points of a first sample that traced all
-/// of them; none if photons are worth a trial.
-pub(super) fn problem_of_photons(points: &Points, settings: &Settings) -> Option<&'static str> {
-    let rays_of_point = [settings.image.spp, settings.shadow_rays.samples].map(f64::from);
-    let rays = points.total as f64 * rays_of_point.into_iter().product::<f64>();
-    if rays < SHADOW_RAYS_OF_MAP {
+/// What makes photons dearer than the shadow rays that they may save; none if they are worth a trial. The points are
+/// those of `samples` samples, one or more, that traced all shadow rays, in a render that ends with `spp` samples.
+pub(super) fn problem_of_photons(points: &Points, samples: u32, settings: &Settings, spp: u32) -> Option<&'static str> {
+    // As of a render whose first sample is the last of these.
+    let spp = spp.saturating_sub(samples - 1);
+    let rays_of_point = f64::from(spp) * f64::from(settings.shadow_rays.samples);
+    let rays = points.total as f64 / f64::from(samples) * rays_of_point;
+    if rays < SHADOW_RAYS_OF_MAP || spp < SAMPLES_OF_MAP {
         return Some("few points face a light");
     }
     (points.fill_seen >= MAX_PENUMBRAE).then_some("many points are in penumbrae")

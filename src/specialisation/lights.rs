@@ -128,7 +128,12 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
         let sampling = settings.light_sampling.strategy.unwrap_or(LightSampling::Power);
         return (sampling, "paths sample one light at each vertex".into());
     }
-    let few_enough = || all(format!("{lights} lights are few enough to evaluate all of them"));
+    let few_enough = || {
+        all(match lights {
+            1 => "there is one light".to_owned(),
+            _ => format!("{lights} lights are few enough to evaluate all of them"),
+        })
+    };
     if lights <= sampled || scene.is_empty() {
         return few_enough();
     }

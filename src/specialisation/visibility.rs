@@ -19,7 +19,7 @@ pub(crate) const SHADOW_RAYS_OF_MAP: f64 = 2_097_152.0;
 /// Samples per pixel from which on they do: fewer leave too little for fine cells to learn. With 4 million shadow rays
 /// `scenes/crowd.glb` took 1.17 times as long as by `two-pass` with 4 samples of 512 x 512 pixels, and 0.9 times with
 /// 16 of 256 x 256.
-const SAMPLES_OF_MAP: u32 = 8;
+pub(crate) const SAMPLES_OF_MAP: u32 = 8;
 
 /// Whether photons and cells may save more time than they take, or are requested.
 fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {

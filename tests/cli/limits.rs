@@ -252,6 +252,8 @@ fn a_hundred_thousand_lights() {
         let rendered = Rendered::new(folder.path(), &scene, &format!("--width 64 --height 64 {arguments}"));
         assert_eq!(rendered.statistics["scene"]["lights"], LIGHTS);
         assert_eq!(rendered.statistics["settings"]["technique"], technique, "{:?}", rendered.answer);
+        // Each has a position, a direction and a colour of 4 bytes a number.
+        assert!(rendered.statistics["memory"]["scene"].as_u64().unwrap() >= 36 * LIGHTS as u64, "{arguments}");
         let values = rendered.image.channel("G").unwrap();
         let mean = values.iter().map(|x| f64::from(*x)).sum::<f64>() / values.len() as f64;
         // Paths sample one light for each of 16,384 samples, whose contributions deviate by a third of their mean: the

@@ -126,6 +126,27 @@ fn photons_that_decide_little_are_left_out() {
     assert!(uneven.samples() > 8 && !has_photons(&uneven), "{} samples", uneven.samples());
 }
 
+/// Photons are made where the time is expected to allow enough samples that gain from them.
+#[test]
+fn little_time_makes_no_photons() {
+    let settings = settings(Technique::SHADOW_PHOTONS);
+    let [mut short, mut long] = [(); 2].map(|()| renderer(Shadows::Simple, &settings));
+    for renderer in [&mut short, &mut long] {
+        renderer.render_within(1e9).unwrap();
+    }
+    // At most twice what a sample takes.
+    let mut seconds = 1e-6;
+    while short.render_within(seconds).unwrap().is_none() {
+        seconds *= 2.0;
+    }
+    long.render_within(1e9).unwrap();
+    assert!(short.samples() > 1 && long.samples() > 1);
+    assert_eq!([has_photons(&short), has_photons(&long)], [false, true]);
+    // There is more time after all.
+    short.render_within(1e9).unwrap();
+    assert!(has_photons(&short));
+}
+
 /// A render that is continued from a checkpoint, before, in or after the trial, has the bits of one without
 /// interruption.
 #[test]

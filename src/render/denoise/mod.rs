@@ -94,6 +94,11 @@ trait Filter {
     /// Its name in messages.
     fn name(&self) -> &'static str;
 
+    /// What compiles its kernels.
+    fn compilation(&self) -> fn(&Gpu) -> Result<()> {
+        |_| Ok(())
+    }
+
     fn filter(&self, gpu: &Gpu, noisy: &Noisy) -> Result<Filtered>;
 
     /// Expected seconds for a pixel, of one run for all samples, or of three where halves are filtered too.
@@ -177,6 +182,14 @@ impl Denoiser {
     /// The names of the denoisers, for messages.
     pub fn names(&self) -> impl Iterator<Item = &'static str> {
         self.filters.iter().map(|filter| filter.name())
+    }
+
+    /// What compiles the filters' kernels for a device that keeps them ([`keep_kernels`](Gpu::keep_kernels)). Called
+    /// while [`Renderer::new`](crate::Renderer::new) compiles its own, it spares the image the wait at its end. Its
+    /// errors are those of [`kernel_kit::Kernel::new`].
+    pub fn compilation(&self) -> impl Fn(&Gpu) -> Result<()> + Send + use<> {
+        let of_filters: Vec<_> = self.filters.iter().map(|filter| filter.compilation()).collect();
+        move |gpu| of_filters.iter().try_for_each(|compile| compile(gpu))
     }
 
     /// Expected seconds for an image of so many pixels.

@@ -29,6 +29,10 @@ impl Filter for Statistical {
         "statistical"
     }
 
+    fn compilation(&self) -> fn(&Gpu) -> Result<()> {
+        |gpu| StatisticalDenoiser::new(gpu).map(|_| ())
+    }
+
     fn filter(&self, gpu: &Gpu, noisy: &Noisy) -> Result<Filtered> {
         StatisticalDenoiser::new(gpu)?.filter_noisy(noisy)
     }
