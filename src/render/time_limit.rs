@@ -11,6 +11,10 @@ use crate::Result;
 /// With half of it, as many of these fit as without.
 const REFINEMENT_SHARE: f64 = 0.5;
 
+/// The time of so many samples pays for one with photons: composing their kernels takes part of it, and in a process of
+/// its own a render gains from twice as many shadow rays on (docs/decisions.md, "The first sample tells").
+const KERNELS_SHARE: u32 = 2;
+
 impl Renderer<'_> {
     /// As [`Renderer::render_batch`], with what is expected to end within `seconds` by the time that earlier batches
     /// took: fewer samples, and better indirect light only where it leaves time for samples that gain from it; so the
@@ -27,7 +31,7 @@ impl Renderer<'_> {
         self.refine_within(seconds)?;
         let left = seconds - start.elapsed().as_secs_f64();
         let limit = sample.map_or(1, |sample| ((left / sample) as u32).max(1));
-        let spp = self.samples.saturating_add(limit).min(self.settings.image.spp);
+        let spp = self.samples.saturating_add(limit / KERNELS_SHARE).min(self.settings.image.spp);
         self.add_samples(limit, spp).map(Some)
     }
 
