@@ -13,7 +13,7 @@
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::math::is_finite3;
-import package::lib::light::table::LightSample;
+import package::lib::light::table::{LightSample, max_light_points};
 @if(closed_forms) import package::lib::light::table::light_has_closed_form;
 @if(closed_forms && (smooth_normals || normal_maps)) import package::lib::light::light_dark;
 @if(closed_forms) import package::lib::light::light_unshadowed_irradiance;
@@ -168,12 +168,13 @@ struct LightPoints {
 // Shadow rays lead to all light points. Without them, one is enough for highlights of small lights. (For the diffuse
 // part of light without a closed form it is not: in the marble sphere's scene, relMSE was 3.7 times as large.)
 fn light_point_count(shading: ShadingPoint, light: u32, known: Given) -> u32 {
+    let most = max_light_points(light, parameters.light_samples);
     @if(closed_forms && glossy) {
         let one = known.closed && !known.traced
             && one_light_point_suffices(shading.max_density, shading.position, light);
-        return select(parameters.light_samples, 1u, one);
+        return select(most, 1u, one);
     }
-    @else { return parameters.light_samples; }
+    @else { return most; }
 }
 
 fn sum_light_points(

@@ -6,11 +6,12 @@
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
-import package::lib::packet::{no_ray, trace_occluded_together};
+import package::lib::packet::{largest_of_packet, no_ray, trace_occluded_together};
 import package::lib::math::{oct_decode16, oct_encode7, invalid_sample, remainder};
 @if(packets) import package::lib::constants::PACKET_LANES;
 @if(packets) import package::lib::math::quotient;
 import package::lib::light::shadow_ray;
+import package::lib::light::table::max_light_points;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candidate_light};
 import package::lib::ray::RaySample;
 import package::lib::rng::hash2;
@@ -22,7 +23,7 @@ import package::lib::visible_point::load_point;
 @if(fine_cells && environment) import package::lib::light::environment::is_environment;
 import package::lib::constants::{
     CLASS_LIT, COUNTER_AUDITS_WRONG, COUNTER_AUDITS_WRONG_NEAR, COUNTER_AUDIT_RAYS, COUNTER_OVERRUN,
-    COUNTER_PENUMBRA_SEEN, COUNTER_SHADOW_RAYS, DIMENSION_SHADOW_ALPHA, QUEUE_AUDIT, QUEUE_BOUNDARY, QUEUE_COUNT
+    COUNTER_PENUMBRA_RAYS, COUNTER_PENUMBRA_SEEN, COUNTER_SHADOW_RAYS, DIMENSION_SHADOW_ALPHA, QUEUE_AUDIT, QUEUE_BOUNDARY, QUEUE_COUNT
 };
 
 struct ShadowParameters {
@@ -54,6 +55,8 @@ var<immediate> parameters: ShadowParameters;
 var<workgroup> rays_traced: atomic<u32>;
 // Of `shadow` candidates in penumbra, of `audit` wrong classes.
 var<workgroup> mixed_points: atomic<u32>;
+// Of the candidates in penumbra.
+var<workgroup> mixed_rays: atomic<u32>;
 @if(audit) var<workgroup> wrong_near: atomic<u32>;
 
 // What the rays of a candidate depend on.
@@ -99,7 +102,8 @@ struct PacketRay {
 }
 
 // The ray that a lane traces at a step. A packet traces the rays of a few candidates at each step, not one of each:
-// rays from one point to one light visit the same nodes. `rays` is the number of rays of each candidate.
+// rays from one point to one light visit the same nodes. `rays` is the number of rays of each candidate, those that some
+// of them lack included.
 fn packet_ray(c: Candidate, there: bool, step: u32, rays: u32, lane: u32) -> PacketRay {
     @if(!packets) { return PacketRay(c, there, step); }
     @if(packets) {
@@ -144,20 +148,23 @@ fn own_bits(bit: bool, step: u32, rays: u32, lane: u32) -> u32 {
 fn trace_candidate(queued: Queued, lane: u32) -> vec2u {
     let candidate = queued.candidate;
     let own = load_candidate(candidate);
-    let count = parameters.light_samples;
+    let of_own = select(0u, max_light_points(own.light, parameters.light_samples), queued.there);
+    let most = largest_of_packet(of_own, lane);
     var traced = 0u;
     var visible = 0u;
     for (var word = 0u; word < parameters.visibility_words; word++) {
         let first = word * 32u;
-        let rays = min(32u, count - first);
+        let rays = min(32u, max(most, first) - first);
         var facing_bits = 0u;
         var visible_bits = 0u;
         for (var step = 0u; step < rays; step++) {
             let chosen = packet_ray(own, queued.there, step, rays, lane);
             let c = chosen.candidate;
             let j = first + chosen.number;
+            let count = max_light_points(c.light, parameters.light_samples);
             let sampled = nth_light_sample(c.light, c.position, c.seed, c.sample_index, j, count);
-            let faces = chosen.there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
+            let there = chosen.there && j < count;
+            let faces = there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
             var ray = no_ray();
             if faces { ray = shadow_ray(c.position, c.normal, sampled); }
             let ray_sample = RaySample(hash2(c.seed, DIMENSION_SHADOW_ALPHA + c.light), c.sample_index * count + j);
@@ -189,6 +196,7 @@ fn shadow(
     if lane == 0u {
         atomicStore(&rays_traced, 0u);
         atomicStore(&mixed_points, 0u);
+        atomicStore(&mixed_rays, 0u);
     }
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
@@ -197,7 +205,10 @@ fn shadow(
     let rays = trace_candidate(queued, lane);
     if queued.there {
         atomicAdd(&rays_traced, rays.x);
-        if rays.y > 0u && rays.y < rays.x { atomicAdd(&mixed_points, 1u); }
+        if rays.y > 0u && rays.y < rays.x {
+            atomicAdd(&mixed_points, 1u);
+            atomicAdd(&mixed_rays, rays.x);
+        }
         if traversal_overrun { drop_sample(queued.candidate); }
         @if(fine_cells) { store_in_fine_cell(load_candidate(queued.candidate), rays.y, rays.x - rays.y); }
     }
@@ -205,6 +216,7 @@ fn shadow(
     if lane == 0u {
         atomicAdd(&counters[COUNTER_SHADOW_RAYS], atomicLoad(&rays_traced));
         atomicAdd(&counters[COUNTER_PENUMBRA_SEEN], atomicLoad(&mixed_points));
+        atomicAdd(&counters[COUNTER_PENUMBRA_RAYS], atomicLoad(&mixed_rays));
     }
 }
 

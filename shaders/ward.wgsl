@@ -12,6 +12,7 @@ import package::lib::constants::{
 };
 import package::kit::group_index;
 @if(dark_points) import package::lib::light::light_dark;
+import package::lib::light::table::max_light_points;
 import package::lib::sampled_light::nth_light_sample;
 import package::lib::math::luminance;
 import package::lib::visible_point::{load_point, load_surface, visible_surface};
@@ -88,7 +89,7 @@ fn shading_point(i: u32) -> ShadingPoint {
 
 // Unshadowed luminance from the j-th light point; negative where the point faces away and is not tested.
 fn unshadowed(shading: ShadingPoint, light: u32, j: u32) -> f32 {
-    let count = ward_pass.light_samples;
+    let count = max_light_points(light, ward_pass.light_samples);
     let sampled = nth_light_sample(light, shading.position, shading.seed, shading.sample_index, j, count);
     if sampled.pdf <= 0.0 || dot(shading.surface.geometric_normal, sampled.direction) <= 0.0 { return -1.0; }
     let reflected = bsdf_evaluate(shading.surface, sampled.direction) * sampled.radiance;
@@ -97,7 +98,7 @@ fn unshadowed(shading: ShadingPoint, light: u32, j: u32) -> f32 {
 
 // Unshadowed luminance of a light, estimated from a few light points.
 fn potential(shading: ShadingPoint, light: u32) -> f32 {
-    let count = min(ward_pass.light_samples, POTENTIAL_SAMPLES);
+    let count = min(max_light_points(light, ward_pass.light_samples), POTENTIAL_SAMPLES);
     var sum = 0.0;
     for (var j = 0u; j < count; j++) { sum += max(unshadowed(shading, light, j), 0.0); }
     return sum / f32(count);
@@ -198,7 +199,8 @@ fn add_test(i: u32, state: ptr<function, WardState>) {
     var sum = 0.0;
     var visible = 0u;
     var tested = 0u;
-    for (var j = 0u; j < ward_pass.light_samples; j++) {
+    let count = max_light_points(light, ward_pass.light_samples);
+    for (var j = 0u; j < count; j++) {
         let contributed = unshadowed(shading, light, j);
         let bit = (visibility[first + (j >> 5u)] >> (j & 31u)) & 1u;
         if contributed >= 0.0 {
@@ -207,7 +209,7 @@ fn add_test(i: u32, state: ptr<function, WardState>) {
             sum += f32(bit) * contributed;
         }
     }
-    (*state).found += sum / f32(ward_pass.light_samples);
+    (*state).found += sum / f32(count);
     (*state).visible += f32(visible) / f32(max(tested, 1u));
     (*state).expected += expected_share(light);
     (*state).current = 0u;

@@ -74,6 +74,17 @@ fn in_any_lane(condition: bool, lane: u32) -> bool {
     }
 }
 
+// The largest of the packet's values; where each ray is traced alone, the lane's own.
+fn largest_of_packet(value: u32, lane: u32) -> u32 {
+    @if(!packets) { return value; }
+    @if(packets) {
+        var largest = max(value, subgroupShuffle(value, lane ^ 4u));
+        largest = max(largest, subgroupShuffle(largest, lane ^ 2u));
+        largest = max(largest, subgroupShuffle(largest, lane ^ 1u));
+        return subgroupBroadcast(largest, 0u);
+    }
+}
+
 // What the box test needs of a ray.
 @if(packets)
 struct Slabs {

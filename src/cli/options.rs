@@ -648,7 +648,7 @@ struct VisibilityMapOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().visibility_map.shadow_photons_per_ray)]
     shadow_photons_per_ray: u32,
 
-    /// Light points sampled at a boundary point, each with a shadow ray
+    /// Light points sampled at a boundary point, each with a shadow ray; point, spot and directional lights have one
     #[arg(long, value_name = "N", default_value_t = Settings::default().shadow_rays.samples)]
     shadow_samples: u32,
 

@@ -104,6 +104,7 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("COUNTER_NEAR", Counter::Near as u32),
     ("COUNTER_NEAR_AUDITED", Counter::NearAudited as u32),
     ("COUNTER_PENUMBRA_SEEN", Counter::PenumbraSeen as u32),
+    ("COUNTER_PENUMBRA_RAYS", Counter::PenumbraRays as u32),
     ("COUNTER_NOT_FINITE", Counter::NotFinite as u32),
     ("COUNTER_OVERRUN", Counter::Overrun as u32),
     ("COUNTER_NEAR_OVERFLOW", Counter::NearOverflow as u32),

@@ -22,9 +22,8 @@ impl Renderer<'_> {
         if self.samples == 0 || self.with_photons.is_none() {
             return Ok(());
         }
-        let (points, settings) = (self.totals.points(), &self.settings);
-        let problem = |spp: u32| problem_of_photons(&points, self.samples, settings, spp);
-        let problem_of_all = problem(settings.image.spp);
+        let problem = |spp: u32| problem_of_photons(&self.totals, self.samples, spp);
+        let problem_of_all = problem(self.settings.image.spp);
         if problem(spp).is_none() {
             return self.make_photons();
         }

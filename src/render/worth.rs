@@ -5,12 +5,13 @@ use crate::settings::{Settings, Technique};
 use crate::specialisation::Specialisation;
 use crate::specialisation::features::Feature;
 use crate::specialisation::visibility::{SAMPLES_OF_MAP, SHADOW_RAYS_OF_MAP};
-use crate::statistics::Points;
+use crate::statistics::totals::Totals;
+use crate::statistics::{Counter, Points};
 
-/// Share of points in a penumbra, of all points that face a light, from which on no photons are made. Each of their
-/// points traces shadow rays whatever photons say, and so do points around them. It was 0.13 to 0.39 in a scene and in
-/// five models where 64 samples with photons took 0.97 to 1.4 times as long as those of `two-pass`, and 0 to 0.09 in
-/// all others that were measured (docs/decisions.md).
+/// Share of shadow rays from points in a penumbra, of all shadow rays, from which on no photons are made. Such points
+/// trace shadow rays whatever photons say, and so do points around them. It was 0.13 to 0.39 in a scene and in five
+/// models where 64 samples with photons took 0.97 to 1.4 times as long as those of `two-pass`, and 0 to 0.09 in all
+/// others that were measured (docs/decisions.md).
 const MAX_PENUMBRAE: f64 = 0.11;
 
 /// Samples per pixel after which photons must be expected to decide [`MIN_DECIDED`] of the points. The shadow rays of
@@ -26,17 +27,17 @@ const MIN_DECIDED: f64 = 0.6;
 /// the trial's last samples with this part of its growth since the samples before (docs/decisions.md).
 const FURTHER_GROWTH: f64 = 0.5;
 
-/// What makes photons dearer than the shadow rays that they may save; none if they are worth a trial. The points are
+/// What makes photons dearer than the shadow rays that they may save; none if they are worth a trial. The totals are
 /// those of `samples` samples, one or more, that traced all shadow rays, in a render that ends with `spp` samples.
-pub(super) fn problem_of_photons(points: &Points, samples: u32, settings: &Settings, spp: u32) -> Option<&'static str> {
+pub(super) fn problem_of_photons(totals: &Totals, samples: u32, spp: u32) -> Option<&'static str> {
     // As of a render whose first sample is the last of these.
     let spp = spp.saturating_sub(samples - 1);
-    let rays_of_point = f64::from(spp) * f64::from(settings.shadow_rays.samples);
-    let rays = points.total as f64 / f64::from(samples) * rays_of_point;
-    if rays < SHADOW_RAYS_OF_MAP || spp < SAMPLES_OF_MAP {
+    let traced = totals.get(Counter::ShadowRays) as f64;
+    if traced / f64::from(samples) * f64::from(spp) < SHADOW_RAYS_OF_MAP || spp < SAMPLES_OF_MAP {
         return Some("few points face a light");
     }
-    (points.fill_seen >= MAX_PENUMBRAE).then_some("many points are in penumbrae")
+    let of_penumbrae = totals.get(Counter::PenumbraRays) as f64;
+    (of_penumbrae >= MAX_PENUMBRAE * traced).then_some("many points are in penumbrae")
 }
 
 /// Whether photons will decide enough points: by those of the first `samples` samples, of which the very first had no

@@ -74,6 +74,17 @@ pub enum LightKind {
     },
 }
 
+impl LightKind {
+    /// The light points that a surface point samples, at most `most`: one of a light that comes from a single
+    /// direction. As in `shaders/lib/light/table.wgsl`.
+    pub(crate) fn max_light_points(&self, most: u32) -> u32 {
+        match self {
+            LightKind::Point { .. } | LightKind::Spot { .. } | LightKind::Directional { .. } => 1,
+            LightKind::Mesh { .. } | LightKind::Environment { .. } => most,
+        }
+    }
+}
+
 /// A triangle of a mesh light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EmitterTriangle {

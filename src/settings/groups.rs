@@ -204,7 +204,8 @@ impl Default for VisibilityMapSettings {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct ShadowRaySettings {
-    /// Light points, each with a shadow ray, that a boundary point samples: 1 to [`Settings::MAX_SHADOW_SAMPLES`].
+    /// Light points, each with a shadow ray, that a boundary point samples: 1 to [`Settings::MAX_SHADOW_SAMPLES`]. Point,
+    /// spot and directional lights, whose light comes from a single direction, always have one.
     #[serde(rename = "shadow_samples")]
     pub samples: u32,
 }

@@ -19,6 +19,8 @@ pub enum Counter {
     AuditsWrong,
     /// Boundary points whose light points are neither all visible nor all occluded.
     PenumbraSeen,
+    /// Their shadow rays.
+    PenumbraRays,
     /// [`super::Statistics::not_finite`].
     NotFinite,
     /// [`super::Conditioning::overruns`].
@@ -65,5 +67,5 @@ pub enum Counter {
 
 impl Counter {
     /// Words of the buffer `counters`.
-    pub const COUNT: usize = 28;
+    pub const COUNT: usize = 29;
 }

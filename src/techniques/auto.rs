@@ -2,7 +2,7 @@
 
 use kernel_kit::Gpu;
 
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, Light, Scene};
 use crate::settings::{Aov, IrradianceCacheSettings, Settings, ShadowRaySettings, Technique, VisibilityMapSettings};
 use crate::specialisation::Specialisation;
 use crate::specialisation::features::Feature;
@@ -95,7 +95,8 @@ fn first_sample(scene: &Scene, camera: &Camera, settings: &Settings, cores: f64)
     let part = settings.image.part();
     let pixels = f64::from(part.width) * f64::from(part.height);
     let levels = (scene.triangles.len().max(1) as f64).log2();
-    let rays = lights * f64::from(settings.shadow_rays.samples);
+    let rays_of = |light: &Light| f64::from(light.kind.max_light_points(settings.shadow_rays.samples));
+    let rays = lights * scene.lights.iter().map(rays_of).sum::<f64>() / scene.lights.len().max(1) as f64;
     let path = if features.has(Feature::Glossy) { seconds::PATH } else { 0.0 };
     let pixel = seconds::PIXEL + levels * seconds::PIXEL_LEVEL + path;
     let ray = seconds::SHADOW_RAY + levels * seconds::SHADOW_RAY_LEVEL;

@@ -50,7 +50,7 @@ fn view() -> Camera {
 fn settings(technique: Technique) -> Settings {
     Settings::default().with(|s| {
         s.technique = technique;
-        (s.image.width, s.image.height, s.image.spp) = (128, 128, 128);
+        (s.image.width, s.image.height, s.image.spp) = (128, 128, 512);
         s.indirect.max_bounces = 0;
         s.image.aovs = vec![Aov::Variance];
     })

@@ -248,12 +248,13 @@ impl Setup {
                 add(granted * brdf * irradiance);
             }
         }
-        let (points, audit) = sampled.split_at(self.candidates.samples as usize);
+        let audit = &sampled[self.candidates.samples as usize];
+        let points = &sampled[..self.candidates.own_samples(candidate)];
         let bit = |j: usize| f64::from(bits[j / 32] >> (j % 32) & 1);
         for (j, point) in points.iter().enumerate() {
             let visible = if decided { granted } else { bit(j) };
             let taken = if closed && fault != Fault::Uncorrected { granted } else { 0.0 };
-            add((visible - taken) * contribution(point) / f64::from(self.candidates.samples));
+            add((visible - taken) * contribution(point) / points.len() as f64);
         }
         // The visible share of the light points that face the surface point and are above its horizon.
         let could_be_visible = |p: &LightPoint| p.pdf > 0.0 && p.direction.dot(geometric) > 0.0;
@@ -262,7 +263,7 @@ impl Setup {
         let mut visibility = if decided { granted } else { visible };
         if decided && fault != Fault::Unaudited && self.is_audited(i, light, word, fault) {
             let error = (bit(0) - granted) / self.audit_chance(word, fault).min(1.0);
-            add(error * contribution(&audit[0]));
+            add(error * contribution(audit));
             visibility += error;
         }
         (radiance, visibility, size)

@@ -159,10 +159,12 @@ fn visibility_bits_are_those_of_the_light_points(gpu: &Gpu) {
             .iter()
             .enumerate()
             .map(|(candidate, sampled)| {
-                let bit = |p: &LightPoint| {
-                    if setup.traced(candidate, p) { p.visible(&setup.candidates.stage.scene) } else { Some(false) }
+                let own = setup.candidates.own_samples(candidate);
+                let bit = |(j, p): (usize, &LightPoint)| {
+                    let traced = j < own && setup.traced(candidate, p);
+                    if traced { p.visible(&setup.candidates.stage.scene) } else { Some(false) }
                 };
-                sampled.iter().map(bit).collect()
+                sampled.iter().enumerate().map(bit).collect()
             })
             .collect();
         let candidates = setup.candidates.count();
@@ -203,16 +205,19 @@ fn visibility_bits_are_those_of_the_light_points(gpu: &Gpu) {
                 }
             }
             let traced = |candidate: u32| {
-                let sampled = &light_points[candidate as usize][..samples as usize];
+                let sampled = &light_points[candidate as usize][..setup.candidates.own_samples(candidate as usize)];
                 sampled.iter().filter(|p| setup.traced(candidate as usize, p)).count() as u32
             };
             let visible_bits = |candidate: u32| (0..samples as usize).filter(|j| bit(candidate, *j)).count() as u32;
             let rays = queue.iter().map(|candidate| traced(*candidate)).sum();
-            let mixed = queue
-                .iter()
-                .filter(|candidate| visible_bits(**candidate) > 0 && visible_bits(**candidate) < traced(**candidate))
-                .count() as u32;
-            assert_eq!(outcome.counters, counts(&[(Counter::ShadowRays, rays), (Counter::PenumbraSeen, mixed)]));
+            let is_mixed = |c: &&u32| visible_bits(**c) > 0 && visible_bits(**c) < traced(**c);
+            let mixed: Vec<u32> = queue.iter().filter(is_mixed).map(|candidate| traced(*candidate)).collect();
+            let expected = [
+                (Counter::ShadowRays, rays),
+                (Counter::PenumbraSeen, mixed.len() as u32),
+                (Counter::PenumbraRays, mixed.iter().sum()),
+            ];
+            assert_eq!(outcome.counters, counts(&expected));
             assert_eq!((outcome.repair_count, outcome.repair_photons[0].word), (0, POISON));
         }
     }

@@ -6,7 +6,7 @@ use penumbra::internal::bvh::Bvh;
 use penumbra::internal::gpu_scene::GpuScene;
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::passes::{Point, Tile};
-use penumbra::internal::scene::{Camera, Scene};
+use penumbra::internal::scene::{Camera, LightKind, Scene};
 use penumbra::internal::specialisation::Specialisation;
 use penumbra::internal::specialisation::features::Features;
 use penumbra::settings::{Settings, Technique};
@@ -163,7 +163,16 @@ impl Candidates {
         self.samples.div_ceil(32) as usize
     }
 
-    /// The light points of each candidate, and last the one that an audit traces.
+    /// The light points that a candidate samples: one of a light that comes from a single direction.
+    pub fn own_samples(&self, candidate: usize) -> usize {
+        let light = self.chunk[0] as usize + candidate / self.points.len();
+        match self.stage.scene.lights[light].kind {
+            LightKind::Point { .. } | LightKind::Spot { .. } | LightKind::Directional { .. } => 1,
+            _ => self.samples as usize,
+        }
+    }
+
+    /// The light points of each candidate, `samples` of them, and last the one that an audit traces.
     pub fn light_points(&self, gpu: &Gpu) -> Vec<Vec<LightPoint>> {
         let points = gpu.upload("test/points", &self.points).unwrap();
         let composed =

@@ -18,7 +18,9 @@ use crate::statistics::Random;
 
 /// More lights than one dispatch of `order` processes.
 const LIGHTS: usize = 70;
-const SAMPLES: u32 = 2;
+/// Light points asked for, of which point lights take one.
+const ASKED: u32 = 2;
+const SAMPLES: u32 = 1;
 const ALBEDO: f32 = 0.6;
 
 struct Lamp {
@@ -56,7 +58,14 @@ fn room(lamps: &[Lamp]) -> Scene {
 /// The visibility bits of a candidate: random, with a different probability for each light.
 fn bits(candidate: u32, points: u32) -> u32 {
     let (light, word) = (candidate / points, hash1(candidate));
-    (0..SAMPLES).filter(|j| (word >> (8 * j) & 255) < 40 + 3 * light).map(|j| 1 << j).sum()
+    // Bits beyond its light points say nothing of a light.
+    let of = |j: u32| u32::from((word >> (8 * j) & 255) < 40 + 3 * light) << j;
+    (0..ASKED).map(of).sum()
+}
+
+/// Light points of a candidate that its shadow rays reached.
+fn reached(candidate: u32, points: u32) -> f64 {
+    f64::from((bits(candidate, points) & ((1 << SAMPLES) - 1)).count_ones())
 }
 
 /// The procedure's result at one point: the tested lights, the estimates for the others, and whether a decision or the
@@ -90,7 +99,7 @@ fn by_hand(point: &Point, index: u32, points: u32, lamps: &[Lamp], rates: &[[f64
         }
         tested[*light] = true;
         rest = (rest - p).max(0.0);
-        let share = f64::from(bits(*light as u32 * points + index, points).count_ones()) / f64::from(SAMPLES);
+        let share = reached(*light as u32 * points + index, points) / f64::from(SAMPLES);
         found += p * share;
         visible += share;
         expected += rate(*light);
@@ -139,7 +148,7 @@ fn lights_are_tested_as_ward_does(gpu: &Gpu) {
             let parameters = WardParameters {
                 tile,
                 light_count: LIGHTS as u32,
-                light_samples: SAMPLES,
+                light_samples: ASKED,
                 visibility_words: 1,
                 tolerance,
                 ..WardParameters::default()
@@ -185,7 +194,7 @@ fn lights_are_tested_as_ward_does(gpu: &Gpu) {
             // The statistics include all tests, also those of undecided points.
             for (light, rate) in rates.iter_mut().enumerate() {
                 for i in (0..points.len()).filter(|i| is_tested(light, *i)) {
-                    rate[0] += f64::from(bits(light as u32 * count + i as u32, count).count_ones());
+                    rate[0] += reached(light as u32 * count + i as u32, count);
                     rate[1] += f64::from(SAMPLES);
                 }
             }

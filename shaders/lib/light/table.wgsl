@@ -4,6 +4,7 @@
 import package::lib::constants::{
     LIGHT_CLOSED_FORM, LIGHT_HEADER, LIGHT_KIND_MASK, LIGHT_KIND_TEXEL, LIGHT_TEXELS,
 };
+@if(point_lights || spot_lights || directional_lights) import package::lib::constants::{LIGHT_ENVIRONMENT, LIGHT_MESH};
 
 @if(texture_loads) @group(1) @binding(7) var light_texels: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(7) var<storage, read> light_texels: array<vec4u>;
@@ -36,6 +37,15 @@ fn light_kind(light: u32) -> u32 {
 
 fn light_has_closed_form(light: u32) -> bool {
     return (light_texel(light, LIGHT_KIND_TEXEL).x & LIGHT_CLOSED_FORM) != 0u;
+}
+
+// The light points that a surface point samples, at most `most`: one of a light that comes from a single direction.
+fn max_light_points(light: u32, most: u32) -> u32 {
+    @if(point_lights || spot_lights || directional_lights) {
+        let kind = light_kind(light);
+        return select(1u, most, kind == LIGHT_MESH || kind == LIGHT_ENVIRONMENT);
+    }
+    @else { return most; }
 }
 
 struct LightSample {
