@@ -13,7 +13,7 @@
 
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7, remainder};
-import package::lib::class_word::{audit_chance, class_of, class_word, is_audited, is_decided, is_near};
+import package::lib::class_word::{AuditChances, audit_chance, class_of, class_word, is_audited, is_decided, is_near};
 @if(visibility_map || fine_cells) import package::lib::class_word::boundary_word;
 @if(visibility_map || fine_cells) import package::lib::class_word::{AWAY, NEAR, word_at};
 @if(visibility_estimate) import package::lib::class_word::traces_shadow_rays;
@@ -50,11 +50,11 @@ struct ClassifyParameters {
     // Or sampled light index, where lights are sampled; see lib/sampled_light.
     first_light: u32,
     dilate_radius: u32,
-    audit_probability: f32,
+    audits: AuditChances,
     // The queue whose length `arrange_queue` makes into arguments, and the invocations of the consumer's workgroups.
     queue: u32,
     queue_group: u32,
-    padding: vec2u,
+    padding: u32,
 }
 
 var<immediate> classify_pass: ClassifyParameters;
@@ -383,7 +383,7 @@ fn widen_to(candidate: u32) {
 fn audits(candidate: u32, word: u32) -> bool {
     let pixel = point_of(candidate);
     let sample_index = tile_sample(classify_pass.tile, pixel);
-    let chance = audit_chance(word, classify_pass.audit_probability);
+    let chance = audit_chance(word, classify_pass.audits);
     return is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light_of(candidate), chance);
 }
 

@@ -33,6 +33,7 @@ import package::lib::visible_point::{load_point, load_surface, visible_surface};
 @if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::class_word::{class_of, class_visibility, is_decided, traces_shadow_rays};
 @if(aov_shadow) import package::lib::class_word::{class_illumination, class_shadow};
+import package::lib::class_word::AuditChances;
 @if(audit) import package::lib::class_word::{audit_chance, is_audited};
 
 struct ShadeParameters {
@@ -43,8 +44,7 @@ struct ShadeParameters {
     // Light points of a candidate, and words of 32 visibilities that hold them.
     light_samples: u32,
     visibility_words: u32,
-    // Probability that a decided candidate is audited, away from boundaries.
-    audit_probability: f32,
+    audits: AuditChances,
     // `shade_sampled` adds all terms to all points.
     at_once: u32,
 }
@@ -232,7 +232,7 @@ fn direct_light(shading: ShadingPoint, light: u32, candidate: u32, word: u32, te
         estimate = select(known.visibility, found.visible, known.traced);
     }
     @if(audit) {
-        let chance = audit_chance(word, parameters.audit_probability);
+        let chance = audit_chance(word, parameters.audits);
         let audited = is_decided(class_of(word)) && is_audited(shading.seed, shading.sample_index, light, chance);
         others = others || audited;
         if terms.others && audited {

@@ -23,7 +23,8 @@ import package::lib::visible_point::load_point;
 @if(fine_cells && environment) import package::lib::light::environment::is_environment;
 import package::lib::constants::{
     CLASS_LIT, COUNTER_AUDITS_WRONG, COUNTER_AUDITS_WRONG_NEAR, COUNTER_AUDIT_RAYS, COUNTER_OVERRUN,
-    COUNTER_PENUMBRA_RAYS, COUNTER_PENUMBRA_SEEN, COUNTER_SHADOW_RAYS, DIMENSION_SHADOW_ALPHA, QUEUE_AUDIT, QUEUE_BOUNDARY, QUEUE_COUNT
+    COUNTER_PENUMBRA_RAYS, COUNTER_PENUMBRA_SEEN, COUNTER_SHADOW_RAYS, DIMENSION_SHADOW_ALPHA, QUEUE_AUDIT,
+    QUEUE_BOUNDARY, QUEUE_COUNT
 };
 
 struct ShadowParameters {
@@ -102,8 +103,7 @@ struct PacketRay {
 }
 
 // The ray that a lane traces at a step. A packet traces the rays of a few candidates at each step, not one of each:
-// rays from one point to one light visit the same nodes. `rays` is the number of rays of each candidate, those that some
-// of them lack included.
+// rays from one point to one light visit the same nodes. `rays` is the maximum number of rays of its candidates.
 fn packet_ray(c: Candidate, there: bool, step: u32, rays: u32, lane: u32) -> PacketRay {
     @if(!packets) { return PacketRay(c, there, step); }
     @if(packets) {

@@ -656,8 +656,8 @@ struct VisibilityMapOptions {
     #[arg(long, value_name = "PIXELS")]
     dilate: Option<u32>,
 
-    /// Probability that a lit or shadowed point still traces a shadow ray, which keeps the image unbiased; 0 is the
-    /// paper's method, which is biased
+    /// Minimum probability that a lit or shadowed point still traces a shadow ray, which keeps the image unbiased; more
+    /// of them do where such rays find mistakes. 0 is the paper's method, which is biased
     #[arg(long, value_name = "P", default_value_t = Settings::default().visibility_map.audit)]
     audit: f32,
 

@@ -11,7 +11,9 @@ use super::visibility_map::VisibilityMap;
 use crate::Result;
 use crate::kernels::Queue;
 use crate::passes::Tile;
-use crate::passes::classify::{BoundClassify, BoundShowCells, Chunk, Classify, ClassifyBuffers, ShowCells};
+use crate::passes::classify::{
+    AuditChances, BoundClassify, BoundShowCells, Chunk, Classify, ClassifyBuffers, ShowCells,
+};
 use crate::passes::film::{Film, Inputs, Plane};
 use crate::passes::sample_lights::SampledLightBindings;
 use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
@@ -91,8 +93,8 @@ pub(crate) struct DirectLight {
     sizes: Sizes,
     /// Pixels by which boundaries are widened.
     dilate: u32,
-    /// Probability that a lit or shadowed point is audited; 0 without audits.
-    audit_probability: f32,
+    /// How often lit and shadowed points are audited; 0 without audits.
+    audits: AuditChances,
     /// Photons that audits can add to the map.
     repair_capacity: u32,
 }
@@ -171,7 +173,11 @@ impl DirectLight {
                 (Some(_), None) => settings.visibility_map.dilate.unwrap_or(u32::from(wide)),
                 _ => 0,
             },
-            audit_probability: if kernels.audits { settings.visibility_map.audit } else { 0.0 },
+            audits: if kernels.audits {
+                AuditChances::of(settings.visibility_map.audit)
+            } else {
+                AuditChances::default()
+            },
             repair_capacity: map.map_or(0, VisibilityMap::repair_capacity),
             kernels,
         };
@@ -242,15 +248,22 @@ impl DirectLight {
         self.bound.as_ref().expect("a map that could not be sorted ends the batch before")
     }
 
+    /// Audits lit and shadowed points so often from now on, where the kernels audit at all.
+    pub fn set_audits(&mut self, audits: AuditChances) {
+        if self.kernels.audits {
+            self.audits = audits;
+        }
+    }
+
     /// The lights, some at a time.
     pub fn chunks(&self) -> impl Iterator<Item = Chunk> + use<> {
         let Sizes { lights, lights_in_chunk, .. } = self.sizes;
-        let (dilate, audit_probability) = (self.dilate, self.audit_probability);
+        let (dilate, audits) = (self.dilate, self.audits);
         (0..lights).step_by(lights_in_chunk as usize).map(move |first_light| Chunk {
             first_light,
             lights: lights_in_chunk.min(lights - first_light),
             dilate,
-            audit_probability,
+            audits,
         })
     }
 
@@ -328,7 +341,7 @@ impl DirectLight {
             lights_in_chunk: chunk.lights,
             light_samples: self.sizes.light_samples,
             visibility_words: self.sizes.visibility_words,
-            audit_probability: chunk.audit_probability,
+            audits: chunk.audits,
             at_once: at_once.into(),
         };
         let arrange = |frame: &mut Frame<'_>, group| {

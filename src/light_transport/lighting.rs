@@ -12,7 +12,7 @@ use super::light_sampler::LightSampler;
 use super::shared::Shared;
 use super::visibility_map::{MapState, VisibilityMap};
 use crate::Result;
-use crate::passes::classify::BoundShowCells;
+use crate::passes::classify::{AuditChances, BoundShowCells};
 use crate::passes::light_buffer::BoundLightBuffer;
 use crate::settings::Settings;
 use crate::specialisation::features::Features;
@@ -89,6 +89,13 @@ impl Lighting {
     ) -> Result<Option<BoundShowCells>> {
         let bind = |direct: &DirectLight| direct.bind_shown_cells(shared, features, nearest, self.guides());
         self.direct.as_ref().map_or(Ok(None), bind)
+    }
+
+    /// See [`DirectLight::set_audits`].
+    pub fn set_audits(&mut self, audits: AuditChances) {
+        if let Some(direct) = &mut self.direct {
+            direct.set_audits(audits);
+        }
     }
 
     /// See [`FineCellMap::classify`].

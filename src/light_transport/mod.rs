@@ -2,6 +2,7 @@
 //! map, irradiance cache and caustic map; and the steps of the first and the second pass.
 
 pub(crate) mod adaptive_testing;
+pub(crate) mod audits;
 pub(crate) mod caustic_map;
 pub(crate) mod cell_visibility;
 pub(crate) mod direct_light;

@@ -2,6 +2,7 @@
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
+use super::classify::AuditChances;
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
 use crate::specialisation::features::{Feature, Features};
@@ -19,8 +20,8 @@ shared_struct! {
         pub light_samples: u32,
         /// Words of visibilities of a candidate: 32 light points each.
         pub visibility_words: u32,
-        /// Probability that a lit or shadowed candidate is audited.
-        pub audit_probability: f32,
+        /// How often lit and shadowed candidates are audited.
+        pub audits: AuditChances,
         /// Whether `shade_sampled` adds all terms to all points, where the kernels have a queue.
         pub at_once: u32,
     }

@@ -7,6 +7,7 @@ use super::denoise::Denoiser;
 use super::renderer::Renderer;
 use super::tiles::TileFilm;
 use crate::Result;
+use crate::light_transport::audits::chances;
 use crate::light_transport::second_pass::SecondPass;
 use crate::light_transport::shared::{Shared, TILE_SAMPLES};
 use crate::settings::SampleRange;
@@ -71,7 +72,9 @@ impl Renderer<'_> {
         if let Some(sums) = &mut self.piece_sums {
             sums.begin(SampleRange { first: first_sample, end: first_sample + layers });
         }
+        self.lighting.set_audits(chances(&self.totals, &self.settings));
         let (samples, counted, sampled) = (self.samples, self.totals.points(), self.totals.get(Counter::Sampled));
+        let decided = self.totals.decided_points();
         let mut points = 0;
         for tile in 0..self.tiles.len() {
             points += self.render_tile(tile, first_sample, layers, batch.as_ref())?;
@@ -84,6 +87,7 @@ impl Renderer<'_> {
             blocks.add(batch, layers);
         }
         self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, points);
+        self.totals.estimate_wrong(&decided);
         self.count_procedural_misses()?;
         self.totals.check()?;
         self.totals.time_render += begun.elapsed().as_secs_f64();

@@ -175,8 +175,9 @@ pub struct VisibilityMapSettings {
     pub shadow_photons_per_ray: u32,
     /// Pixels by which boundaries are widened, 0 or 1. `None`: 1 for lights with wide penumbrae, 0 for small ones.
     pub dilate: Option<u32>,
-    /// Probability that a lit or shadowed point is audited by a shadow ray, 0 to 1. 0 is the paper's method, which is
-    /// biased; zones are then not audited either.
+    /// Minimum probability that a lit or shadowed point is audited by a shadow ray, 0 to 1. It is larger near
+    /// boundaries, and, where fine cells learn from samples, after audits that contradicted a class. 0 is the paper's
+    /// method, which is biased; zones are then not audited either.
     pub audit: f32,
     /// Count photons regardless of their normals, as the paper does.
     pub paper_counting: bool,
@@ -204,8 +205,8 @@ impl Default for VisibilityMapSettings {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct ShadowRaySettings {
-    /// Light points, each with a shadow ray, that a boundary point samples: 1 to [`Settings::MAX_SHADOW_SAMPLES`]. Point,
-    /// spot and directional lights, whose light comes from a single direction, always have one.
+    /// Light points, each with a shadow ray, that a boundary point samples: 1 to [`Settings::MAX_SHADOW_SAMPLES`]. It
+    /// samples one of point, spot and directional lights, whose light comes from a single direction.
     #[serde(rename = "shadow_samples")]
     pub samples: u32,
 }

@@ -26,6 +26,9 @@ pub struct Stratum {
     pub audited: u64,
     /// Those whose shadow ray contradicted the class.
     pub wrong: u64,
+    /// Estimated share that is wrong: their share of the audited points, unless batches of samples had different
+    /// probabilities of audits.
+    pub found: f64,
 }
 
 impl Audits {
@@ -38,9 +41,11 @@ impl Audits {
         for stratum in strata.iter().filter(|s| s.share > 0.0) {
             audits.audited += stratum.audited;
             audits.wrong += stratum.wrong;
-            let found = stratum.wrong as f64 / stratum.audited.max(1) as f64;
+            let found = stratum.found;
             audits.miss_bias += stratum.share * found;
-            let [low, high] = jeffreys(stratum.wrong, stratum.audited);
+            // As wide, relative to the estimate, as if all batches had been audited alike.
+            let scale = if stratum.wrong == 0 { 1.0 } else { found * stratum.audited as f64 / stratum.wrong as f64 };
+            let [low, high] = jeffreys(stratum.wrong, stratum.audited).map(|end| scale * end);
             below += (stratum.share * (found - low)).powi(2);
             above += (stratum.share * (high - found)).powi(2);
         }

@@ -9,10 +9,23 @@ use crate::{Error, Result};
 /// does not show, and a scene full of overlapping layers is far above it.
 const MAX_OVERRUNS: f64 = 1e-3;
 
+/// Points that are lit or shadowed by class.
+#[derive(Clone, Copy)]
+pub(crate) struct Decided {
+    pub points: u64,
+    pub audited: u64,
+    /// Audited ones whose shadow ray contradicted the class.
+    pub wrong: u64,
+}
+
 /// Sums over all samples so far.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Totals {
     counters: [u64; Counter::COUNT],
+    /// Decided points of batches with audits, near boundaries and away from them.
+    decided: [u64; 2],
+    /// Estimated number of them that have a wrong class.
+    wrong: [f64; 2],
     camera_rays: u64,
     pub photons: Vec<LightPhotons>,
     pub photon_rays: u64,
@@ -146,18 +159,70 @@ impl Totals {
     }
 
     pub fn audits(&self) -> Audits {
-        let points = self.points();
-        let share = |count: u64| if points.total == 0 { 0.0 } else { count as f64 / points.total as f64 };
-        let [near, near_audited, near_wrong] =
-            [Counter::Near, Counter::NearAudited, Counter::AuditsWrongNear].map(|c| self.get(c));
-        let [audited, wrong] = [Counter::Audited, Counter::AuditsWrong].map(|c| self.get(c));
-        Audits::new(&[
-            Stratum { share: share(near), audited: near_audited, wrong: near_wrong },
-            Stratum {
-                share: share(points.lit + points.shadowed - near),
-                audited: audited - near_audited,
-                wrong: wrong - near_wrong,
-            },
-        ])
+        let total = self.points().total;
+        let stratum = |Decided { points, audited, wrong }: Decided, (of, found): (u64, f64)| Stratum {
+            share: if total == 0 { 0.0 } else { points as f64 / total as f64 },
+            audited,
+            wrong,
+            found: if of == 0 { 0.0 } else { found / of as f64 },
+        };
+        let [near, away] = self.decided_points();
+        Audits::new(&[stratum(near, (self.decided[0], self.wrong[0])), stratum(away, (self.decided[1], self.wrong[1]))])
+    }
+
+    /// Near boundaries, and away from them.
+    pub fn decided_points(&self) -> [Decided; 2] {
+        let counts = |counters: [Counter; 3]| counters.map(|counter| self.get(counter));
+        let [points, audited, wrong] = counts([Counter::Near, Counter::NearAudited, Counter::AuditsWrongNear]);
+        let near = Decided { points, audited, wrong };
+        let [lit, shadowed, audited] = counts([Counter::Lit, Counter::Shadowed, Counter::Audited]);
+        let away = Decided {
+            points: lit + shadowed - near.points,
+            audited: audited - near.audited,
+            wrong: self.get(Counter::AuditsWrong) - near.wrong,
+        };
+        [near, away]
+    }
+
+    /// Estimates how many classes of a batch are wrong, from what the totals were `before` it: batches have different
+    /// probabilities of audits.
+    pub fn estimate_wrong(&mut self, before: &[Decided; 2]) {
+        for (i, (now, before)) in self.decided_points().iter().zip(before).enumerate() {
+            let (points, audited) = (now.points - before.points, now.audited - before.audited);
+            if audited > 0 {
+                self.decided[i] += points;
+                self.wrong[i] += (now.wrong - before.wrong) as f64 * points as f64 / audited as f64;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two batches with different probabilities of audits: of 1,000 points with one audit in two, 10 of 500 audits are
+    /// wrong, and of 9,000 with one in nine, 2 of 1,000. So 20 + 18 classes of 10,000 are wrong, 0.0038; audits taken
+    /// together would tell 12 of 1,500, 0.008.
+    #[test]
+    fn batches_are_audited_with_different_probabilities() {
+        let mut totals = Totals::default();
+        for [points, audited, wrong] in [[1000, 500, 10], [9000, 1000, 2], [500, 0, 0]] {
+            let before = totals.decided_points();
+            totals.count(Counter::Lit, points / 4);
+            totals.count(Counter::Shadowed, points - points / 4);
+            totals.count(Counter::Audited, audited);
+            totals.count(Counter::AuditsWrong, wrong);
+            totals.estimate_wrong(&before);
+        }
+        let audits = totals.audits();
+        assert!((audits.miss_bias - 0.0038).abs() < 1e-12, "{}", audits.miss_bias);
+        assert_eq!((audits.audited, audits.wrong), (1500, 12));
+        let [low, high] = audits.miss_bias_interval;
+        // As that of 12 of 1,500, which has ends at about half and twice of its middle.
+        assert!(
+            low > 0.0038 / 2.5 && low < 0.0038 / 1.5 && high > 1.5 * 0.0038 && high < 2.5 * 0.0038,
+            "{low}, {high}"
+        );
     }
 }

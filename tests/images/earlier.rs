@@ -143,7 +143,8 @@ fn light_buffers_are_unbiased() {
         println!("{name}: {off} +- {error} of {mean}, {rays} of the rays");
         // As with voxel tags: without a closed form both use the same samples. Only roundings differ.
         assert!(off.abs() <= 3.5 * error + 1e-6 * mean, "{name}: {off} +- {error}");
-        assert!(rays < 0.7 && tests.points.lit > 0, "{name}: {rays} of the rays");
+        // In the still life nearly all rays lead to the two mesh lights, about which lists tell less than about points.
+        assert!(rays < 0.9 && tests.points.lit > 0, "{name}: {rays} of the rays");
         detected += u32::from((1e-3 * mean - off.abs()) > 3.5 * error);
     }
     assert_eq!(detected, 3, "a thousandth would not be detected");

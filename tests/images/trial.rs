@@ -199,9 +199,9 @@ fn each_view_has_a_trial_of_its_own() {
 fn a_view_after_a_glance_has_the_bits_of_a_new_renderer() {
     let mut scene = Scene::load(scene_file("still_life.glb"), &ImportOptions::default()).unwrap();
     let camera = scene.cameras[0].clone();
-    // Without them so many points are in penumbrae that no photons are made.
-    for x in [-0.3, 0.0, 0.3] {
-        let position = Vec3::new(x, 0.5, 0.3);
+    // Without them so many shadow rays are from penumbrae that no photons are made.
+    for i in 0..11u8 {
+        let position = Vec3::new(0.06 * f32::from(i) - 0.3, 0.5, 0.3);
         let kind = LightKind::Point { position, intensity: Vec3::ONE, range: f32::INFINITY };
         scene.lights.push(Light { name: String::new(), kind });
     }

@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use glam::Vec3;
 use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::kernels::{CellKind, Class, Classified, GridShape, INVALID_POINT, Queue, ShownCell};
-use penumbra::internal::passes::classify::{Chunk, Classify, ClassifyBuffers, ShowCells};
+use penumbra::internal::passes::classify::{AuditChances, Chunk, Classify, ClassifyBuffers, ShowCells};
 use penumbra::internal::passes::grid::{Grid, Photon};
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -45,7 +45,7 @@ impl<'a> Setup<'a> {
         let count = points.len() as u32;
         let tile =
             Tile { width: count, height: 1, columns: count, pixel_count: count, point_count: count, ..Tile::default() };
-        let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audit_probability: 0.0 };
+        let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditChances::default() };
         Setup {
             photons,
             points,
@@ -278,7 +278,7 @@ fn queues_hold_what_the_classes_say(gpu: &Gpu) {
     let mut setup = Setup::new(&photons, &points, shape, 50);
     let undilated = setup.run(gpu).words;
     setup.tile = Tile { width, height, columns: width, ..setup.tile };
-    setup.chunk.audit_probability = 0.25;
+    setup.chunk.audits = AuditChances::of(0.25);
     for dilate in [0, 1] {
         setup.chunk.dilate = dilate;
         let outcome = setup.run(gpu);

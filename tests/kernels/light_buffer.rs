@@ -5,7 +5,7 @@ use kernel_kit::{Gpu, POISON, kernel_test};
 use penumbra::internal::gpu_scene::light_buffer::LightBuffers;
 use penumbra::internal::gpu_scene::lights::LightInfo;
 use penumbra::internal::kernels::{Class, Classified, INVALID_POINT, occluder};
-use penumbra::internal::passes::classify::Chunk;
+use penumbra::internal::passes::classify::{AuditChances, Chunk};
 use penumbra::internal::passes::light_buffer::LightBufferPass;
 use penumbra::internal::passes::{Point, TileBuffers};
 use penumbra::internal::scene::{AlphaMode, LightKind, Material, Panorama, Scene};
@@ -178,7 +178,7 @@ impl Setup {
             let classes = gpu.poisoned::<u32>("test/classes", candidates + 3).unwrap();
             let bound = pass.bind(gpu, &tile_buffers, buffers, &classes, &stage.gpu_scene).unwrap();
             let mut frame = gpu.frame("test");
-            bound.record(&mut frame, &tile, &Chunk { first_light, lights, dilate: 0, audit_probability: 0.0 });
+            bound.record(&mut frame, &tile, &Chunk { first_light, lights, dilate: 0, audits: AuditChances::default() });
             frame.submit().unwrap();
             let words: Vec<u32> = gpu.read(&classes, candidates + 3).unwrap();
             assert!(words[candidates..].iter().all(|word| *word == POISON), "past the end");
@@ -293,7 +293,11 @@ fn full_lists_decide_nothing(gpu: &Gpu) {
         let classes = gpu.poisoned::<u32>("test/classes", 3).unwrap();
         let bound = pass.bind(gpu, &tile_buffers, buffers, &classes, &stage.gpu_scene).unwrap();
         let mut frame = gpu.frame("test");
-        bound.record(&mut frame, &tile, &Chunk { first_light: 0, lights: 1, dilate: 0, audit_probability: 0.0 });
+        bound.record(
+            &mut frame,
+            &tile,
+            &Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditChances::default() },
+        );
         frame.submit().unwrap();
         let words: Vec<u32> = gpu.read(&classes, 3).unwrap();
         words.into_iter().map(|word| Classified::new(word).class).collect::<Vec<_>>()

@@ -6,6 +6,7 @@ use std::f64::consts::{FRAC_1_PI, PI};
 use glam::{DVec3, Vec3, Vec4};
 use kernel_kit::{Frame, Gpu, POISON, kernel_test};
 use penumbra::internal::kernels::{Class, INVALID_POINT, Queue};
+use penumbra::internal::passes::classify::AuditChances;
 use penumbra::internal::passes::shade::{Shade, ShadeBuffers, ShadeParameters};
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::scene::{LightKind, Material, Scene};
@@ -117,7 +118,7 @@ impl Setup {
             lights_in_chunk: self.candidates.chunk[1],
             light_samples: self.candidates.samples,
             visibility_words: self.candidates.words() as u32,
-            audit_probability: self.audit_probability,
+            audits: AuditChances::of(self.audit_probability),
             at_once: self.kernels.at_once.into(),
         };
         let mut frame = gpu.frame("test");
