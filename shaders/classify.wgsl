@@ -50,7 +50,9 @@ struct ClassifyParameters {
     // Or sampled light index, where lights are sampled; see lib/sampled_light.
     first_light: u32,
     dilate_radius: u32,
-    audits: AuditChances,
+    // Members of AuditChances; a struct could not be a member at this offset.
+    audit_away: f32,
+    audit_near: f32,
     // The queue whose length `arrange_queue` makes into arguments, and the invocations of the consumer's workgroups.
     queue: u32,
     queue_group: u32,
@@ -383,7 +385,8 @@ fn widen_to(candidate: u32) {
 fn audits(candidate: u32, word: u32) -> bool {
     let pixel = point_of(candidate);
     let sample_index = tile_sample(classify_pass.tile, pixel);
-    let chance = audit_chance(word, classify_pass.audits);
+    let chances = AuditChances(classify_pass.audit_away, classify_pass.audit_near);
+    let chance = audit_chance(word, chances);
     return is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light_of(candidate), chance);
 }
 

@@ -8,7 +8,8 @@
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
 // Where most points are decided (`few_sampled`), `shade` adds the light that the diffuse part of the BSDF reflects
 // where the class decides (c U), and a U; it queues the points for which `shade_sampled` adds the rest: highlights,
-// audits, and light points with shadow rays. While few are, `shade_sampled` adds all of it at once.
+// audits that contradict the class, and light points with shadow rays. While few are decided, `shade_sampled` adds all
+// of it at once.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -33,8 +34,7 @@ import package::lib::visible_point::{load_point, load_surface, visible_surface};
 @if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::class_word::{class_of, class_visibility, is_decided, traces_shadow_rays};
 @if(aov_shadow) import package::lib::class_word::{class_illumination, class_shadow};
-import package::lib::class_word::AuditChances;
-@if(audit) import package::lib::class_word::{audit_chance, is_audited};
+@if(audit) import package::lib::class_word::{AuditChances, audit_chance, is_audited};
 
 struct ShadeParameters {
     tile: Tile,
@@ -44,7 +44,9 @@ struct ShadeParameters {
     // Light points of a candidate, and words of 32 visibilities that hold them.
     light_samples: u32,
     visibility_words: u32,
-    audits: AuditChances,
+    // Members of AuditChances; a struct could not be a member at this offset.
+    audit_away: f32,
+    audit_near: f32,
     // `shade_sampled` adds all terms to all points.
     at_once: u32,
 }
@@ -232,15 +234,16 @@ fn direct_light(shading: ShadingPoint, light: u32, candidate: u32, word: u32, te
         estimate = select(known.visibility, found.visible, known.traced);
     }
     @if(audit) {
-        let chance = audit_chance(word, parameters.audits);
+        let chances = AuditChances(parameters.audit_away, parameters.audit_near);
+        let chance = audit_chance(word, chances);
         let audited = is_decided(class_of(word)) && is_audited(shading.seed, shading.sample_index, light, chance);
-        others = others || audited;
-        if terms.others && audited {
-            let error = f32(visibility_bit(candidate, 0u)) - known.visibility;
-            if error != 0.0 {
-                radiance += (error / chance) * audited_contribution(shading, light);
-                estimate += error / chance;
-            }
+        var error = 0.0;
+        if audited { error = f32(visibility_bit(candidate, 0u)) - known.visibility; }
+        // Nearly all audits agree with the class, and add nothing.
+        others = others || error != 0.0;
+        if terms.others && error != 0.0 {
+            radiance += (error / chance) * audited_contribution(shading, light);
+            estimate += error / chance;
         }
     }
     return Estimate(radiance, estimate, others);

@@ -341,7 +341,8 @@ impl DirectLight {
             lights_in_chunk: chunk.lights,
             light_samples: self.sizes.light_samples,
             visibility_words: self.sizes.visibility_words,
-            audits: chunk.audits,
+            audit_away: chunk.audits.away,
+            audit_near: chunk.audits.near,
             at_once: at_once.into(),
         };
         let arrange = |frame: &mut Frame<'_>, group| {

@@ -9,15 +9,14 @@ use crate::Result;
 use crate::kernels::{GridShape, Queue};
 use crate::specialisation::features::{Feature, Features};
 
-shared_struct! {
-    /// Probabilities with which lit and shadowed candidates are audited, 1 for all that are above it; see
-    /// `shaders/lib/class_word.wgsl`.
-    pub struct AuditChances {
-        /// Away from boundaries.
-        pub away: f32,
-        /// Near them, in parts of divided cells that have few photons; a quarter of it where they have many.
-        pub near: f32,
-    }
+/// Probabilities with which lit and shadowed candidates are audited, 1 for all that are above it; see
+/// `shaders/lib/class_word.wgsl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AuditChances {
+    /// Away from boundaries.
+    pub away: f32,
+    /// Near them, in parts of divided cells that have few photons; a quarter of it where they have many.
+    pub near: f32,
 }
 
 /// Classes are wrong far more often near boundaries: so many more audits there keep mistakes from becoming fireflies.
@@ -52,7 +51,8 @@ shared_struct! {
         candidate_count: u32,
         first_light: u32,
         dilate_radius: u32,
-        audits: AuditChances,
+        audit_away: f32,
+        audit_near: f32,
         queue: u32,
         queue_group: u32,
         padding: u32,
@@ -247,7 +247,8 @@ impl BoundShowCells {
             candidate_count: tile.point_count,
             first_light: light,
             dilate_radius: 0,
-            audits: AuditChances::default(),
+            audit_away: 0.0,
+            audit_near: 0.0,
             queue: Queue::Query as u32,
             queue_group: 1,
             padding: 0,
@@ -339,7 +340,8 @@ impl BoundClassify {
             candidate_count: tile.point_count * chunk.lights,
             first_light: chunk.first_light,
             dilate_radius: chunk.dilate,
-            audits: chunk.audits,
+            audit_away: chunk.audits.away,
+            audit_near: chunk.audits.near,
             queue: queue as u32,
             queue_group,
             padding: 0,

@@ -82,7 +82,6 @@ pub const SHARED: &[&SharedStruct] = &[
     &cache::CacheParameters::SHARED,
     &cells::CellParameters::SHARED,
     &cells::CellPoint::SHARED,
-    &classify::AuditChances::SHARED,
     &classify::ClassifyParameters::SHARED,
     &denoise::DenoiseParameters::SHARED,
     &film::FilmParameters::SHARED,

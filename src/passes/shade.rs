@@ -2,7 +2,6 @@
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
-use super::classify::AuditChances;
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
 use crate::specialisation::features::{Feature, Features};
@@ -20,8 +19,10 @@ shared_struct! {
         pub light_samples: u32,
         /// Words of visibilities of a candidate: 32 light points each.
         pub visibility_words: u32,
-        /// How often lit and shadowed candidates are audited.
-        pub audits: AuditChances,
+        /// See [`AuditChances::away`](super::classify::AuditChances::away).
+        pub audit_away: f32,
+        /// See [`AuditChances::near`](super::classify::AuditChances::near).
+        pub audit_near: f32,
         /// Whether `shade_sampled` adds all terms to all points, where the kernels have a queue.
         pub at_once: u32,
     }

@@ -112,13 +112,15 @@ impl Setup {
             queue_lengths: &queue_lengths,
         };
         let bound = pass.bind(gpu, &tile, &buffers, gpu_scene).unwrap();
+        let audits = AuditChances::of(self.audit_probability);
         let parameters = ShadeParameters {
             tile: self.candidates.tile,
             first_light: self.candidates.chunk[0],
             lights_in_chunk: self.candidates.chunk[1],
             light_samples: self.candidates.samples,
             visibility_words: self.candidates.words() as u32,
-            audits: AuditChances::of(self.audit_probability),
+            audit_away: audits.away,
+            audit_near: audits.near,
             at_once: self.kernels.at_once.into(),
         };
         let mut frame = gpu.frame("test");
@@ -177,7 +179,7 @@ impl Setup {
     }
 
     /// Whether a candidate has terms beside those that its class tells.
-    fn is_sampled(&self, candidate: usize, word: u32) -> bool {
+    fn is_sampled(&self, candidate: usize, word: u32, bits: u32) -> bool {
         let i = candidate % self.candidates.points.len();
         let light = self.candidates.chunk[0] + (candidate / self.candidates.points.len()) as u32;
         if self.candidates.points[i].normal == INVALID_POINT || word & 7 == DARK {
@@ -188,7 +190,9 @@ impl Setup {
             && (flat || self.unshadowed(light, i).1);
         let decided = matches!(word & 7, LIT | SHADOWED);
         let queued_form = !closed && !self.candidates.stage.features.has(Feature::SampledForms);
-        !decided || (word & 7 == LIT && queued_form) || self.is_audited(i, light, word, Fault::None)
+        // An audit that agrees with the class adds nothing.
+        let contradicted = (bits & 1 == 1) != (word & 7 == LIT) && self.is_audited(i, light, word, Fault::None);
+        !decided || (word & 7 == LIT && queued_form) || contradicted
     }
 
     /// Whether a lit or shadowed candidate is audited.
@@ -352,7 +356,8 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
         let outcome = setup.run(gpu, &classes, &visibility, &before);
         let is_sampled = |i: &u32| {
             let mut candidates = (*i as usize..classes.len()).step_by(count);
-            candidates.any(|candidate| setup.is_sampled(candidate, classes[candidate]))
+            let first_word = |candidate: usize| visibility[candidate * setup.candidates.words()];
+            candidates.any(|candidate| setup.is_sampled(candidate, classes[candidate], first_word(candidate)))
         };
         let expected: Vec<u32> = (0..count as u32).filter(is_sampled).collect();
         let counted = if kernels.few_sampled { expected.len() } else { 0 };
