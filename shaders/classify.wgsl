@@ -50,7 +50,7 @@ struct ClassifyParameters {
     // Or sampled light index, where lights are sampled; see lib/sampled_light.
     first_light: u32,
     dilate_radius: u32,
-    // Members of AuditChances; a struct could not be a member at this offset.
+    // Members of AuditChances: in a uniform buffer, a struct would have to begin at a multiple of 16 bytes.
     audit_away: f32,
     audit_near: f32,
     // The queue whose length `arrange_queue` makes into arguments, and the invocations of the consumer's workgroups.

@@ -44,7 +44,7 @@ struct ShadeParameters {
     // Light points of a candidate, and words of 32 visibilities that hold them.
     light_samples: u32,
     visibility_words: u32,
-    // Members of AuditChances; a struct could not be a member at this offset.
+    // Members of AuditChances: in a uniform buffer, a struct would have to begin at a multiple of 16 bytes.
     audit_away: f32,
     audit_near: f32,
     // `shade_sampled` adds all terms to all points.

@@ -103,7 +103,7 @@ struct PacketRay {
 }
 
 // The ray that a lane traces at a step. A packet traces the rays of a few candidates at each step, not one of each:
-// rays from one point to one light visit the same nodes. `rays` is the maximum number of rays of its candidates.
+// rays from one point to one light visit the same nodes. `rays` is the maximum of its candidates' numbers of rays.
 fn packet_ray(c: Candidate, there: bool, step: u32, rays: u32, lane: u32) -> PacketRay {
     @if(!packets) { return PacketRay(c, there, step); }
     @if(packets) {

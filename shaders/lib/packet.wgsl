@@ -241,10 +241,7 @@ fn keep_hit(found: ptr<function, Found>, hit: Hit, any_hit: bool) {
 // Iterations so far, the same in all lanes, which share the budget of a loop.
 @if(packets)
 fn shared_iterations(lane: u32) -> u32 {
-    var iterations = traversal_iterations;
-    iterations = max(iterations, subgroupShuffle(iterations, lane ^ 4u));
-    iterations = max(iterations, subgroupShuffle(iterations, lane ^ 2u));
-    return max(iterations, subgroupShuffle(iterations, lane ^ 1u));
+    return largest_of_packet(traversal_iterations, lane);
 }
 
 // The first hit of each lane's ray; with `any_hit` some hit, whose t says nothing.

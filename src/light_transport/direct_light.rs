@@ -93,7 +93,7 @@ pub(crate) struct DirectLight {
     sizes: Sizes,
     /// Pixels by which boundaries are widened.
     dilate: u32,
-    /// How often lit and shadowed points are audited; 0 without audits.
+    /// How often lit and shadowed points are audited in the current batch; never without kernels for it.
     audits: AuditChances,
     /// Photons that audits can add to the map.
     repair_capacity: u32,
@@ -173,11 +173,7 @@ impl DirectLight {
                 (Some(_), None) => settings.visibility_map.dilate.unwrap_or(u32::from(wide)),
                 _ => 0,
             },
-            audits: if kernels.audits {
-                AuditChances::of(settings.visibility_map.audit)
-            } else {
-                AuditChances::default()
-            },
+            audits: AuditChances::default(),
             repair_capacity: map.map_or(0, VisibilityMap::repair_capacity),
             kernels,
         };
@@ -248,7 +244,7 @@ impl DirectLight {
         self.bound.as_ref().expect("a map that could not be sorted ends the batch before")
     }
 
-    /// Audits lit and shadowed points so often from now on, where the kernels audit at all.
+    /// Audits lit and shadowed points so often from now on, where the kernels audit at all. Each batch needs it.
     pub fn set_audits(&mut self, audits: AuditChances) {
         if self.kernels.audits {
             self.audits = audits;

@@ -34,7 +34,7 @@ pub(super) fn problem_of_photons(totals: &Totals, samples: u32, spp: u32) -> Opt
     let spp = spp.saturating_sub(samples - 1);
     let traced = totals.get(Counter::ShadowRays) as f64;
     if traced / f64::from(samples) * f64::from(spp) < SHADOW_RAYS_OF_MAP || spp < SAMPLES_OF_MAP {
-        return Some("few points face a light");
+        return Some("few shadow rays are to be traced");
     }
     let of_penumbrae = totals.get(Counter::PenumbraRays) as f64;
     (of_penumbrae >= MAX_PENUMBRAE * traced).then_some("many points are in penumbrae")

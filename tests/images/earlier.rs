@@ -134,7 +134,8 @@ fn tags_are_unbiased_and_cells_darken() {
 #[test]
 fn light_buffers_are_unbiased() {
     let mut detected = 0;
-    for name in ["box.glb", "sphere.glb", "still_life.glb"] {
+    // In the still life nearly all rays lead to the two mesh lights, about which lists tell less than about points.
+    for (name, max_rays) in [("box.glb", 0.7), ("sphere.glb", 0.7), ("still_life.glb", 0.9)] {
         let of = |technique| render(&scene_file(name), &settings(technique, [96, 96], 16));
         let ((all, counts), (buffered, tests)) = (of(Technique::TWO_PASS), of(Technique::LIGHT_BUFFER));
         let mean = all.channel("G").unwrap().iter().map(|v| f64::from(*v)).sum::<f64>() / all.pixels() as f64;
@@ -143,8 +144,7 @@ fn light_buffers_are_unbiased() {
         println!("{name}: {off} +- {error} of {mean}, {rays} of the rays");
         // As with voxel tags: without a closed form both use the same samples. Only roundings differ.
         assert!(off.abs() <= 3.5 * error + 1e-6 * mean, "{name}: {off} +- {error}");
-        // In the still life nearly all rays lead to the two mesh lights, about which lists tell less than about points.
-        assert!(rays < 0.9 && tests.points.lit > 0, "{name}: {rays} of the rays");
+        assert!(rays < max_rays && tests.points.lit > 0, "{name}: {rays} of the rays");
         detected += u32::from((1e-3 * mean - off.abs()) > 3.5 * error);
     }
     assert_eq!(detected, 3, "a thousandth would not be detected");
