@@ -23,6 +23,8 @@ import package::lib::surface::{SurfaceHit, surface_at};
 @if(dispersion) import package::lib::wavelength::{begin_wavelengths, carry};
 @if(negative_photons) import package::lib::surface::ray_behind;
 import package::lib::constants::{DIMENSION_FLUX, MAX_FLUX};
+@if(negative_photons) import package::lib::constants::PHOTON_SHADOW;
+@if(caustic_irradiance) import package::lib::constants::PHOTON_CAUSTIC;
 import package::lib::constants::{FLUX_CLIPPED, FLUX_COUNTS, FLUX_NOT_FINITE, FLUX_OVERRUNS, FLUX_STORED, FLUX_TRACED};
 
 struct FluxParameters {
@@ -52,8 +54,8 @@ var<immediate> flux_pass: FluxParameters;
 
 const FAR_AWAY = 1e30;
 
-// Stores a photon at a position on a surface. `xi` rounds the flux at random.
-fn store(position: vec3f, normal: vec3f, flux: vec3f, xi: f32, shadow: bool) {
+// Stores a photon at a position on a surface. `xi` rounds the flux at random, `kind` is that of `flux_word`.
+fn store(position: vec3f, normal: vec3f, flux: vec3f, xi: f32, kind: u32) {
     if !is_finite3(flux) {
         atomicAdd(&flux_counts[FLUX_NOT_FINITE], 1u);
         return;
@@ -62,7 +64,7 @@ fn store(position: vec3f, normal: vec3f, flux: vec3f, xi: f32, shadow: bool) {
     if any(flux > largest) { atomicAdd(&flux_counts[FLUX_CLIPPED], 1u); }
     let at = flux_pass.stored + atomicAdd(&flux_counts[FLUX_STORED], 1u);
     if at >= arrayLength(&flux_photons) { return; }
-    flux_photons[at] = Photon(position, flux_word(oct_encode7(normal), min(flux, largest), xi, shadow));
+    flux_photons[at] = Photon(position, flux_word(oct_encode7(normal), min(flux, largest), xi, kind));
 }
 
 // The first hit of a light's ray, and the flux that the ray carries.
@@ -98,7 +100,7 @@ fn store_shadows(first: LightHit, there: bool, xi: f32, seed: u32, lane: u32) ->
             distance += hit.t;
             if any(found.surface.albedo > vec3f(0.0)) {
                 let flux = emitted * flux_window(first.light, distance);
-                store(found.triangle_position, found.triangle_normal, flux, xi, true);
+                store(found.triangle_position, found.triangle_normal, flux, xi, PHOTON_SHADOW);
             }
         }
         if !in_any_lane(goes_on, lane) { break; }
@@ -159,6 +161,8 @@ fn flux(
     var leaving = FluxRay(emitted.origin, emitted.normal, emitted.direction, share);
     var goes_on = there;
     var rays = 0u;
+    // Only focusing surfaces have scattered the ray.
+    @if(caustics) var focused = true;
     @if(dispersion) { begin_wavelengths(seed, ray - first, vec3f(1.0)); }
     for (var bounce = 0u; ; bounce++) {
         var here = no_ray();
@@ -190,13 +194,16 @@ fn flux(
             var stores = any(found.surface.albedo > vec3f(0.0));
             @if(negative_photons) { stores &= bounce > 0u; }
             goes_on = bounce < flux_pass.max_bounces;
+            var kind = 0u;
             @if(caustics) {
+                @if(caustic_irradiance) { if focused && bounce > 0u { kind = PHOTON_CAUSTIC; } }
+                focused &= focuses(found.surface);
                 if caustic_photons == 1u {
                     stores &= bounce > 0u;
-                    goes_on &= focuses(found.surface);
+                    goes_on &= focused;
                 }
             }
-            if stores { store(found.triangle_position, found.triangle_normal, leaving.flux, xi.x, false); }
+            if stores { store(found.triangle_position, found.triangle_normal, leaving.flux, xi.x, kind); }
             // One Sobol sequence over all rays stratifies their bounces together, as it stratifies their emission.
             let u = sobol2(ray, hash3(seed, bounce, 3u));
             let lobe = uniform_from_bits(hash2(bounce_seed, 4u));

@@ -8,6 +8,8 @@
 
 import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
 @if(caustics) import package::lib::bsdf::focuses;
+@if(caustic_irradiance) import package::lib::grid::FAR;
+@if(caustic_irradiance) import package::lib::path_tracing::caustic_light;
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{no_ray, trace_closest_together};
 import package::lib::camera::pixel_size;
@@ -63,7 +65,7 @@ var<immediate> gather_pass: GatherParameters;
 // For each ray: its radiance, and the distance of its hit.
 @group(0) @binding(5) var<storage, read_write> gathered: array<vec4f>;
 // The rays that `follow` continues: how many, the arguments of the dispatch over them, their numbers (with
-// FOLLOW_RESIDUAL in the top bit) and their hits.
+// FOLLOW_RESIDUAL and FOLLOW_CAUSTIC_KNOWN in the top bits) and their hits.
 @group(0) @binding(6) var<storage, read_write> follow_count: array<atomic<u32>, 1>;
 @group(0) @binding(7) var<storage, read_write> follow_arguments: array<u32, 3>;
 @group(0) @binding(8) var<storage, read_write> follow_rays: array<u32>;
@@ -74,6 +76,8 @@ var<immediate> gather_pass: GatherParameters;
 
 // Marks a ray whose look-up gave the diffuse part: its path adds only the rest, the reflection of a metal.
 const FOLLOW_RESIDUAL = 0x80000000u;
+// Marks a ray whose look-up gave the light from focusing surfaces.
+const FOLLOW_CAUSTIC_KNOWN = 0x40000000u;
 // Gradients of fewer rays are mostly noise, and records that they make small take the place of few: in
 // scenes/sphere.glb 16 rays left 7,500 records, where 4,096 rays leave 1,500.
 const MIN_RAYS_OF_SLOPE = 64u;
@@ -165,12 +169,20 @@ fn gather(
             var follows = true;
             var wide = spread_along(gathering.pdf, hit.t) >= known.radius;
             // The caustic map holds part of a focusing surface's light. The path tracer separates it.
-            @if(caustics) { wide = wide && !focuses(found.surface); }
+            @if(caustics) let focusing = focuses(found.surface);
+            @if(caustics) { wide = wide && !focusing; }
             if wide {
                 radiance = vec4f(bsdf_seen_afar(found.surface) * known.value, radiance.w);
                 @if(transmission) { radiance *= vec4f(found.transmittance, 1.0); }
                 follow = FOLLOW_RESIDUAL;
                 follows = reflects_more(found.surface);
+            }
+            @if(caustic_irradiance) {
+                if !wide && !focusing && known.radius < FAR {
+                    radiance = vec4f(caustic_light(found.surface, known), radiance.w);
+                    @if(transmission) { radiance *= vec4f(found.transmittance, 1.0); }
+                    follow = FOLLOW_CAUSTIC_KNOWN;
+                }
             }
             if follows {
                 let at = atomicAdd(&follow_count[0], 1u);
@@ -203,7 +215,7 @@ fn follow(
     var found: SurfaceHit;
     var vertex: PathVertex;
     if there {
-        id = follow_rays[i] & ~FOLLOW_RESIDUAL;
+        id = follow_rays[i] & ~(FOLLOW_RESIDUAL | FOLLOW_CAUSTIC_KNOWN);
         words = follow_hits[i];
         gathering = gather_ray(id);
         @if(dispersion) { begin_wavelengths(gathering.seed, hash1(gathering.number), vec3f(1.0)); }
@@ -213,7 +225,11 @@ fn follow(
         vertex.sample_index = gathering.number;
         @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
     }
-    let start = PathStart(there, 1u, spread_along(gathering.pdf, words.x));
+    var start = PathStart();
+    start.there = there;
+    start.bounce = 1u;
+    start.spread = spread_along(gathering.pdf, words.x);
+    @if(caustics) { start.caustic_known = there && (follow_rays[i] & FOLLOW_CAUSTIC_KNOWN) != 0u; }
     var radiance = trace_path(vertex, start, gathering.seed, gather_pass.max_bounces, 0u, lane).indirect;
     if !there { return; }
     @if(transmission) { radiance *= found.transmittance; }

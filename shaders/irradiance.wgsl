@@ -2,12 +2,15 @@
 // over the scene (Christensen 1999). `show` visualises the map: it estimates the irradiance at the points of a tile.
 // `caustics` adds the light of the caustic map at these points.
 // In: a map of photons, sorted by cell; the irradiance points, or `points` and `surfaces`.
-// Out: `irradiances`, irradiance and radius of the disc for each irradiance point; or `radiance_indirect`. Lengths are
-// in scene units after normalisation; irradiance is in units of radiance times steradian.
+// Out: `irradiances`, for each irradiance point the irradiance, the radius of the disc and, with `caustic_irradiance`,
+// the part of the irradiance that only focusing surfaces have scattered; or `radiance_indirect`. Lengths are in scene
+// units after normalisation; irradiance is in units of radiance times steradian.
 
-import package::lib::bvh::{hit_normal, trace_closest, trace_occluded, traversal_overrun};
+import package::lib::bvh::{hit_normal, traversal_overrun};
+@if(negative_photons) import package::lib::bvh::trace_closest;
+import package::lib::packet::{no_ray, trace_closest_together, trace_occluded_together};
 import package::kit::group_index;
-import package::lib::irradiance::encode_disc;
+import package::lib::irradiance::{IRRADIANCE_TEXELS, encode_disc};
 import package::lib::grid::{
     COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, point_ball,
     reach_guess, row_photons, rows_about
@@ -25,6 +28,7 @@ import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::light::{light_sample, light_unshadowed_irradiance};
 @if(negative_photons) import package::lib::sampling::sobol2;
 import package::lib::photon::{Photon, flux_of, photon_normal};
+@if(caustic_irradiance) import package::lib::photon::photon_is_caustic;
 import package::lib::ray::{NO_HIT, Ray, RaySample, offset_origin};
 @if(negative_photons) import package::lib::ray::Hit;
 import package::lib::rng::{hash1, hash3, uniform_from_bits};
@@ -78,12 +82,18 @@ fn irradiance(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= irradiance_pass.count { return; }
-    let photon = irradiance_points[i];
-    let found = irradiance_at(photon.position, photon_normal(photon.word), MAX_REACH_WHERE_SPARSE);
-    let finite = is_finite3(found.xyz);
+    // Lanes without a point trace no rays beside the others.
+    let there = i < irradiance_pass.count;
+    let photon = irradiance_points[min(i, irradiance_pass.count - 1u)];
+    let found = irradiance_at(photon.position, photon_normal(photon.word), MAX_REACH_WHERE_SPARSE, there, lane);
+    if !there { return; }
+    let finite = is_finite3(found.value);
     if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_IRRADIANCE], 1u); }
-    irradiances[i] = select(vec4f(0.0, 0.0, 0.0, NO_ESTIMATE), found, finite);
+    let texels = IRRADIANCE_TEXELS * i;
+    irradiances[texels] = select(vec4f(0.0, 0.0, 0.0, NO_ESTIMATE), vec4f(found.value, found.disc), finite);
+    @if(caustic_irradiance) {
+        irradiances[texels + 1u] = vec4f(select(vec3f(0.0), found.caustic, finite), 0.0);
+    }
 }
 
 @if(photon_map)
@@ -94,19 +104,23 @@ fn show(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= irradiance_pass.count { return; }
+    var there = i < irradiance_pass.count;
+    let index = min(i, irradiance_pass.count - 1u);
     var before = vec3f(0.0);
     @if(negative_photons) {
-        if irradiance_pass.first_light > 0u { before = radiance_indirect[i].xyz; }
+        if irradiance_pass.first_light > 0u { before = radiance_indirect[index].xyz; }
         // An invalid sample stays one, and is counted once.
-        if !is_finite3(before) { return; }
+        there &= is_finite3(before);
     }
+    let point = load_point(index);
+    let surface = load_surface(index);
+    let shown = there && point.normal != INVALID_POINT;
+    let query = photon_query(surface, point);
+    let found = irradiance_at(query.position, query.normal, MAX_REACH_OF_POINTS, shown, lane);
+    if !there { return; }
     var radiance = vec3f(0.0);
-    let point = load_point(i);
-    if point.normal != INVALID_POINT {
-        let surface = load_surface(i);
-        let query = photon_query(surface, point);
-        radiance = surface.packed.base.xyz * irradiance_at(query.position, query.normal, MAX_REACH_OF_POINTS).xyz / PI;
+    if shown {
+        radiance = surface.packed.base.xyz * found.value / PI;
         @if(specular_chains) { radiance *= surface.chain.xyz; }
         radiance = checked(radiance, i);
     }
@@ -164,16 +178,30 @@ fn checked(radiance: vec3f, i: u32) -> vec3f {
     return radiance;
 }
 
-// Irradiance at a position, by density estimation, and the encoded disc (lib/irradiance). With negative photons, direct
+struct Estimate {
+    // Irradiance.
+    value: vec3f,
+    // The encoded disc (lib/irradiance).
+    disc: f32,
+    // The part of the irradiance that only focusing surfaces have scattered.
+    @if(caustic_irradiance) caustic: vec3f,
+}
+
+// Irradiance at a position, by density estimation. With negative photons, direct
 // light is added as unshadowed, and shadow photons subtract the excess. Shadow photons also lie on hidden surfaces
 // within the disc: just below the point, or behind a wall. So unshadowed light is added for the hidden surfaces too.
-// The mean then equals that of a map of positive photons alone, which has no photons there.
-fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32) -> vec4f {
-    let disc = flux_about(position, normal, max_reach);
-    let share = covered(position, normal, disc.radius);
+// The mean then equals that of a map of positive photons alone, which has no photons there. All lanes of a subgroup
+// trace at the same time (lib/packet), those that are not `there` no rays.
+fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32, there: bool, lane: u32) -> Estimate {
+    var disc: Disc;
+    if there { disc = flux_about(position, normal, max_reach); }
+    let share = covered(position, normal, disc.radius, lane);
     // In a gap too narrow for every probe, the area is unknown.
-    if disc.radius <= 0.0 || share.area == 0.0 { return vec4f(0.0, 0.0, 0.0, NO_ESTIMATE); }
-    var light = disc.flux / (PI * disc.radius * disc.radius * share.area);
+    var found: Estimate;
+    found.disc = NO_ESTIMATE;
+    if disc.radius <= 0.0 || share.area == 0.0 { return found; }
+    let area = PI * disc.radius * disc.radius * share.area;
+    var light = disc.flux / area;
     @if(negative_photons) {
         let surfaces = 1.0 + share.hidden / share.area;
         let first = irradiance_pass.first_light;
@@ -181,7 +209,10 @@ fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32) -> vec4f {
         let end = min(first + UNSHADOWED_LIGHTS, light_count());
         for (var l = first; l < end; l++) { light += surfaces * unshadowed(l, position, normal); }
     }
-    return vec4f(light, encode_disc(disc.radius, share.clear));
+    found.value = light;
+    found.disc = encode_disc(disc.radius, share.clear);
+    @if(caustic_irradiance) { found.caustic = disc.caustic / area; }
+    return found;
 }
 
 // Light points that sample a light without a closed form.
@@ -207,6 +238,8 @@ struct Disc {
     flux: vec3f,
     // 0 where there were too many photons to visit.
     radius: f32,
+    // Power of those that only focusing surfaces have scattered.
+    @if(caustic_irradiance) caustic: vec3f,
 }
 
 // Sums the photons of the disc around a position. The radius is that of a disc that holds k photons at the mean density
@@ -219,6 +252,7 @@ fn flux_about(position: vec3f, normal: vec3f, max_reach: f32) -> Disc {
     let radius = reach * grid.cell;
     let limit = radius * radius;
     var sum = vec3i(0);
+    @if(caustic_irradiance) var caustic = vec3i(0);
     var visits = 0u;
     let ball = point_ball(at, reach, normal);
     let rows = rows_about(grid, ball);
@@ -228,15 +262,21 @@ fn flux_about(position: vec3f, normal: vec3f, max_reach: f32) -> Disc {
             visits += row.y - row.x + 1u;
             if visits > MAX_VISITS {
                 traversal_overrun = true;
-                return Disc(vec3f(0.0), 0.0);
+                return Disc();
             }
             for (var p = row.x; p < row.y; p++) {
                 let photon = load_photon(p);
-                sum += select(vec3i(0), flux_of(photon.w), counted_distance(photon, position, normal) <= limit);
+                let flux = select(vec3i(0), flux_of(photon.w), counted_distance(photon, position, normal) <= limit);
+                sum += flux;
+                @if(caustic_irradiance) { caustic += select(vec3i(0), flux, photon_is_caustic(photon.w)); }
             }
         }
     }
-    return Disc(vec3f(sum) * irradiance_pass.step, radius);
+    var disc: Disc;
+    disc.flux = vec3f(sum) * irradiance_pass.step;
+    disc.radius = radius;
+    @if(caustic_irradiance) { disc.caustic = vec3f(caustic) * irradiance_pass.step; }
+    return disc;
 }
 
 struct Covered {
@@ -255,8 +295,9 @@ const MAX_CLEAR = 0.8;
 // Measures how much of a disc is surface: the area within the search ellipsoid that is visible from the position, over
 // the area of the disc. At edges and in corners, photons lie on only a part of the disc, and dividing by the whole disc
 // makes the estimate too dark (boundary bias; Hey and Purgathofer 2002 also correct it by the geometry). Each probe
-// traces from the position to a point above its sample of the disc, and from there down to the surface.
-fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
+// traces from the position to a point above its sample of the disc, and from there down to the surface. A disc without
+// a radius has no probes.
+fn covered(position: vec3f, normal: vec3f, radius: f32, lane: u32) -> Covered {
     let frame = basis(normal);
     let origin = offset_origin(position, normal);
     let bits = bitcast<vec3u>(position);
@@ -272,14 +313,18 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
         let distance = radius * sqrt(part);
         let across = frame * vec3f(distance * circle_point(rotation + f32(j) * 0.61803399), 0.0);
         let above = position + across + height * normal;
-        let there = Ray(origin, 0.0, above - origin, 1.0);
-        // Half the height of the ellipsoid above this sample of the disc.
-        let reach = height * sqrt(1.0 - part);
-        let down = Ray(above, height - reach, -normal, height + reach);
+        var to_above = no_ray();
+        var down = no_ray();
+        if radius > 0.0 {
+            to_above = Ray(origin, 0.0, above - origin, 1.0);
+            // Half the height of the ellipsoid above this sample of the disc.
+            let reach = height * sqrt(1.0 - part);
+            down = Ray(above, height - reach, -normal, height + reach);
+        }
         let sample = RaySample(hash1(bits.x + j), 0u);
-        let blocked = trace_occluded(there, sample);
-        @if(!negative_photons) { if blocked { continue; } }
-        let hit = trace_closest(down, sample);
+        let blocked = trace_occluded_together(to_above, sample, lane);
+        @if(!negative_photons) { if blocked { down = no_ray(); } }
+        let hit = trace_closest_together(down, sample, lane);
         if hit.triangle == NO_HIT { continue; }
         @if(negative_photons) {
             hidden += hidden_surfaces(down, hit, blocked, normal, sample);

@@ -120,7 +120,9 @@ fn radiance_along(i: u32, begins: bool, lane: u32) -> PathRadiance {
     vertex.sample_index = tile_sample(parameters.tile, i);
     @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
-    let start = PathStart(begins, 0u, 0.0);
+    var start: PathStart;
+    start.there = begins;
+    @if(caustics) { start.caustic_known = true; }
     @if(dispersion) {
         var before = vec3f(1.0);
         @if(specular_chains) { before = visible_chain(surface, point).throughput; }

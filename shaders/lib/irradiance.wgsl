@@ -2,7 +2,8 @@
 // irradiance points, which are photon positions. A surface point takes the value of the nearest irradiance point.
 // In: the irradiance points, sorted by cell in `photon_table`, and `irradiance_table`.
 // Out: irradiance in units of radiance times steradian, and the radius of the disc over which it is the mean, in scene
-// units after normalisation.
+// units after normalisation. With `caustic_irradiance`, also the part of the irradiance that only focusing surfaces
+// have scattered since it left the lights.
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::grid::{FAR, GridShape, cell_index, counted_distance, load_cell_start, load_photon};
@@ -12,16 +13,28 @@ import package::lib::grid::{FAR, GridShape, cell_index, counted_distance, load_c
 // The grid of the irradiance points, which `photon_table` holds.
 @group(1) @binding(16) var<uniform> irradiance_grid: GridShape;
 
+// Texels of an irradiance point in the table.
+@if(!caustic_irradiance) const IRRADIANCE_TEXELS = 1u;
+@if(caustic_irradiance) const IRRADIANCE_TEXELS = 2u;
+
 struct Irradiance {
     // Irradiance on the side of the normal.
     value: vec3f,
     // Radius of the disc whose photons gave the value; FAR where no irradiance point is near enough.
     radius: f32,
+    // The irradiance point.
+    @if(caustic_irradiance) point: u32,
 }
 
-fn load_irradiance(i: u32) -> vec4f {
+fn load_irradiance_texel(i: u32) -> vec4f {
     @if(texture_loads) { return textureLoad(irradiance_table, table_texel(i)); }
     @else { return irradiance_table[i]; }
+}
+
+// The part of an irradiance point's irradiance that only focusing surfaces have scattered.
+@if(caustic_irradiance)
+fn load_caustic_irradiance(point: u32) -> vec3f {
+    return load_irradiance_texel(IRRADIANCE_TEXELS * point + 1u).xyz;
 }
 
 // Encodes the radius of an irradiance point's disc. The last eight bits hold the fraction of the radius within which
@@ -55,10 +68,15 @@ fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
             }
         }
     }
-    if nearest_distance >= FAR { return Irradiance(vec3f(0.0), FAR); }
-    let found = load_irradiance(nearest_point);
+    var known: Irradiance;
+    known.radius = FAR;
+    if nearest_distance >= FAR { return known; }
+    let found = load_irradiance_texel(IRRADIANCE_TEXELS * nearest_point);
+    known.value = found.xyz;
     // The value is not valid beyond an edge or a wall: the surface there may be unlit, and then has no irradiance
     // points of its own.
     let clear = found.w * f32(bitcast<u32>(found.w) & 255u) / 255.0;
-    return Irradiance(found.xyz, select(FAR, found.w, nearest_distance <= clear * clear));
+    known.radius = select(FAR, found.w, nearest_distance <= clear * clear);
+    @if(caustic_irradiance) { known.point = nearest_point; }
+    return known;
 }

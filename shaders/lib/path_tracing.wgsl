@@ -9,7 +9,8 @@
 // that, as all lights are small beside the lobes of all surfaces (lib/bsdf_rays). With `global_map`, a path ends at
 // precomputed irradiance (Christensen 1999), once its footprint is as wide as the disc of photons of that irradiance.
 // With `caustics`, another pass adds the light that the diffuse part of the visible surface receives from lights by way
-// of focusing surfaces only.
+// of focusing surfaces only. With `caustic_irradiance`, later vertices take that light from the irradiance points: a
+// path would meet it by chance, and seldom.
 
 import package::lib::bsdf::surface::Surface;
 @if(indirect && transmission) import package::lib::bsdf::surface::passes_light;
@@ -19,9 +20,12 @@ import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, le
 @if(bsdf_rays) import package::lib::bsdf::bsdf_max_density;
 @if(bsdf_rays) import package::lib::bsdf_rays::takes_bsdf_rays;
 @if(global_map) import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
+@if(caustic_irradiance) import package::lib::bsdf::bsdf_diffuse;
 @if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{traversal_iterations, traversal_overrun};
 @if(global_map) import package::lib::irradiance::irradiance_near;
+@if(caustic_irradiance) import package::lib::irradiance::{Irradiance, load_caustic_irradiance};
+@if(caustic_irradiance) import package::lib::grid::FAR;
 import package::lib::light::{BEYOND_SCENE, sample_light, is_beyond, light_sample, shadow_ray};
 import package::lib::light::table::load_light_texel;
 @if(environment) import package::lib::environment::environment_met;
@@ -92,6 +96,8 @@ struct PathStart {
     bounce: u32,
     // Radius of the path's footprint there: that of the cone of directions that it samples.
     spread: f32,
+    // Whether the diffuse part of the vertex has its light from focusing surfaces already.
+    @if(caustics) caustic_known: bool,
 }
 
 // A path at its present vertex.
@@ -111,8 +117,10 @@ struct Path {
     // Position and normal at which photons of the vertex are stored.
     @if(global_map) photon_position: vec3f,
     @if(global_map) photon_normal: vec3f,
-    // Whether the path has met only focusing surfaces since the visible point, or since the gather point before the
-    // first vertex. Light then counts only by the residual part of that point's BSDF.
+    // Whether the diffuse part of the vertex has its light from focusing surfaces already.
+    @if(caustics) caustic_known: bool,
+    // Whether the path has met only focusing surfaces since such a vertex, or since the gather point before the first
+    // one. Light then counts only by the residual part of that vertex's BSDF.
     @if(caustics) specular_chain: bool,
     @if(caustics) residual_throughput: vec3f,
 }
@@ -130,8 +138,10 @@ fn begin_path(first: PathVertex, start: PathStart, light_samples: u32) -> Path {
         path.photon_normal = first.surface.geometric_normal;
     }
     @if(caustics) {
-        path.specular_chain = start.bounce == 0u || focuses(first.surface);
-        path.residual_throughput = vec3f(f32(start.bounce == 0u));
+        path.caustic_known = start.caustic_known;
+        path.specular_chain = start.caustic_known || focuses(first.surface);
+        // Gather points are diffuse.
+        path.residual_throughput = vec3f(0.0);
     }
     return path;
 }
@@ -183,7 +193,7 @@ fn add_radiance(path: ptr<function, Path>, arriving: vec3f) {
 // The throughput that weights light at the vertex, and light that the ray from the vertex hits.
 fn light_throughput(path: ptr<function, Path>) -> vec3f {
     @if(caustics) {
-        let residual = (*path).specular_chain && (*path).bounce > 0u;
+        let residual = (*path).specular_chain && !(*path).caustic_known;
         return select((*path).throughput, (*path).residual_throughput, residual);
     }
     @else { return (*path).throughput; }
@@ -243,12 +253,14 @@ fn scatter_path(path: ptr<function, Path>) -> BsdfSample {
     }
     (*path).goes_on = scattered.pdf > 0.0 && any(scattered.weight != vec3f(0.0));
     if (*path).goes_on {
-        (*path).throughput *= scattered.weight;
         @if(caustics) {
-            var residual = scattered.weight;
-            if (*path).bounce == 0u { residual = scattered.residual / scattered.pdf; }
-            (*path).residual_throughput *= residual;
+            if (*path).caustic_known {
+                (*path).residual_throughput = (*path).throughput * scattered.residual / scattered.pdf;
+            } else {
+                (*path).residual_throughput *= scattered.weight;
+            }
         }
+        (*path).throughput *= scattered.weight;
         if (*path).bounce >= FIRST_ROULETTE { play_roulette(path); }
     }
     return scattered;
@@ -313,8 +325,16 @@ fn add_known_irradiance(path: ptr<function, Path>) -> bool {
     var wide = (*path).spread >= known.radius;
     @if(caustics) {
         let focusing = focuses((*path).vertex.surface);
-        (*path).specular_chain = (*path).specular_chain && focusing;
         wide = wide && !focusing;
+        (*path).specular_chain = (*path).specular_chain && focusing;
+        (*path).caustic_known = false;
+        @if(caustic_irradiance) {
+            if !focusing && !wide && known.radius < FAR {
+                (*path).radiance.indirect += (*path).throughput * caustic_light((*path).vertex.surface, known);
+                (*path).caustic_known = true;
+                (*path).specular_chain = true;
+            }
+        }
     }
     @if(glossy) { (*path).vertex.residual = wide; }
     if wide {
@@ -322,6 +342,12 @@ fn add_known_irradiance(path: ptr<function, Path>) -> bool {
         return !reflects_more((*path).vertex.surface);
     }
     return false;
+}
+
+// The light that the diffuse part of a surface reflects, and that only focusing surfaces have scattered before.
+@if(caustic_irradiance)
+fn caustic_light(surface: Surface, known: Irradiance) -> vec3f {
+    return bsdf_diffuse(surface) * load_caustic_irradiance(known.point);
 }
 
 // How much a ray of the given density by solid angle widens the path's footprint over a distance. It is at most that of

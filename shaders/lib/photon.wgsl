@@ -3,6 +3,7 @@
 // "Extending the photon map").
 
 import package::lib::math::oct_decode7;
+@if(caustic_irradiance) import package::lib::constants::PHOTON_CAUSTIC;
 import package::lib::constants::{
     FLUX_STEPS, MAX_LIGHTS, PHOTON_LIGHT_SHIFT, PHOTON_MAX_WEIGHT_EXPONENT, PHOTON_NORMAL_MASK, PHOTON_SHADOW,
     PHOTON_WEIGHT_SHIFT
@@ -12,7 +13,7 @@ struct Photon {
     position: vec3f,
     // Bits 0-13: normal on the side that the photon hit; bit 31: shadow photon. In the visibility map, bits 14-24:
     // light, 25-30: weight exponent. In the global map, bits 14-28: flux in red, green and blue, 29-30: exponent of the
-    // flux.
+    // flux; with `caustic_irradiance`, bit 31: caustic photon.
     word: u32,
 }
 
@@ -29,6 +30,12 @@ fn photon_light(word: u32) -> u32 {
 
 fn photon_is_shadow(word: u32) -> bool {
     return (word & PHOTON_SHADOW) != 0u;
+}
+
+// Whether only focusing surfaces have scattered the photon since it left the light.
+@if(caustic_irradiance)
+fn photon_is_caustic(word: u32) -> bool {
+    return (word & PHOTON_CAUSTIC) != 0u;
 }
 
 // Whether the photon represents more than one hit.
@@ -55,20 +62,22 @@ fn photon_word(normal: u32, light: u32, weight: f32, shadow: bool) -> u32 {
 
 // The flux of a photon of the global map is stored in steps of 1/31 of the common unit times 8 to the exponent.
 // Stochastic rounding keeps the mean; a step is small against the noise of the few dozen photons that an estimate sums.
-// The word of a photon that carries `flux` units, no channel above MAX_FLUX; `xi` is uniform.
-fn flux_word(normal: u32, flux: vec3f, xi: f32, shadow: bool) -> u32 {
+// The word of a photon that carries `flux` units, no channel above MAX_FLUX; `xi` is uniform. `kind` is 0,
+// PHOTON_SHADOW or PHOTON_CAUSTIC.
+fn flux_word(normal: u32, flux: vec3f, xi: f32, kind: u32) -> u32 {
     let largest = max(flux.x, max(flux.y, flux.z));
     let exponent = select(select(select(3u, 2u, largest <= 64.0), 1u, largest <= 8.0), 0u, largest <= 1.0);
     let steps = flux * (f32(FLUX_STEPS) / f32(1u << (3u * exponent)));
     // One random number for all channels keeps white white.
     let q = vec3u(min(steps + xi, vec3f(f32(FLUX_STEPS))));
     let rgb = (q.x << 14u) | (q.y << 19u) | (q.z << 24u);
-    return normal | rgb | (exponent << 29u) | select(0u, PHOTON_SHADOW, shadow);
+    return normal | rgb | (exponent << 29u) | kind;
 }
 
 // Flux in 31sts of the unit: integers, so that sums do not depend on order. Shadow photons subtract theirs.
 fn flux_of(word: u32) -> vec3i {
     let channels = vec3i(i32(word >> 14u), i32(word >> 19u), i32(word >> 24u)) & vec3i(31);
     let q = channels << vec3u(3u * ((word >> 29u) & 3u));
-    return select(q, -q, photon_is_shadow(word));
+    @if(caustic_irradiance) { return q; }
+    @else { return select(q, -q, photon_is_shadow(word)); }
 }

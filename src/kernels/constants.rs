@@ -21,6 +21,7 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("PHOTON_LIGHT_SHIFT", photon_word::LIGHT_SHIFT),
     ("PHOTON_WEIGHT_SHIFT", photon_word::WEIGHT_SHIFT),
     ("PHOTON_MAX_WEIGHT_EXPONENT", photon_word::MAX_WEIGHT_EXPONENT),
+    ("PHOTON_CAUSTIC", photon_word::CAUSTIC),
     ("PHOTON_SHADOW", photon_word::SHADOW),
     ("CLASS_DARK", Class::Dark as u32),
     ("CLASS_LIT", Class::Lit as u32),

@@ -174,6 +174,8 @@ pub mod photon_word {
     pub const MAX_WEIGHT_EXPONENT: u32 = 63;
     /// Bit 31: a shadow photon.
     pub const SHADOW: u32 = 0x8000_0000;
+    /// Bit 31 where there are no shadow photons: only focusing surfaces have scattered it.
+    pub const CAUSTIC: u32 = SHADOW;
 }
 
 /// An entry in a list of a light buffer: a triangle, and flags. See `shaders/light_buffer.wgsl`.

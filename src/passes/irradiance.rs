@@ -48,10 +48,11 @@ pub const IRRADIANCE_NEAREST: u32 = 64;
 /// density)), must not exceed the side of a cell: this takes k / pi photons in a cell, and a tenth more for safety.
 pub const MAP_PHOTONS_PER_CELL: f32 = 0.35 * IRRADIANCE_NEAREST as f32;
 
-/// Rays of the global map for each ray whose photons become irradiance points. A disc then holds four irradiance
-/// points; the values of more would be nearly equal. Irradiance points come from rays of their own, not from the map's:
-/// the map's photons are stratified, so the density around a photon of the map is too low (by 1 % in the paper's box).
-pub const RAYS_PER_IRRADIANCE_POINT_RAY: u32 = 16;
+/// Rays of the global map for each ray whose photons become irradiance points. A disc then holds eight irradiance
+/// points. Their values are nearly equal, but the clear parts of four would leave out a thirteenth of an open surface,
+/// where rays go on as paths; those of eight leave out a hundredth. They come from rays of their own, not from the
+/// map's: these are stratified, so the density around a photon of the map is too low (by 1 % in the paper's box).
+pub const RAYS_PER_IRRADIANCE_POINT_RAY: u32 = 8;
 
 /// Irradiance points in a cell of their grid, on an evenly covered surface. A look-up reads 2 x 2 cells of the surface.
 const POINTS_PER_CELL: f32 = 3.0;
@@ -59,6 +60,8 @@ const POINTS_PER_CELL: f32 = 3.0;
 /// The pass; see `shaders/irradiance.wgsl`.
 pub struct Irradiance {
     kernel: Kernel,
+    /// Texels of an irradiance point; IRRADIANCE_TEXELS in `shaders/lib/irradiance.wgsl`.
+    texels: usize,
 }
 
 /// Precomputed irradiance over the whole scene; see `shaders/lib/irradiance.wgsl`.
@@ -101,7 +104,8 @@ impl Irradiance {
         let shown = features.has(Feature::PhotonMap) || features.has(Feature::Caustics);
         let mut own = vec![IrradianceBindings::DECLARED];
         own.extend(shown.then_some(ShowBindings::DECLARED));
-        Ok(Irradiance { kernel: kernel(gpu, "irradiance", features, &constants, &own)? })
+        let texels = 1 + usize::from(features.has(Feature::CausticIrradiance));
+        Ok(Irradiance { kernel: kernel(gpu, "irradiance", features, &constants, &own)?, texels })
     }
 
     /// Estimates the irradiance at `points` from the photons of `map`, whose words hold flux in units of `step`.
@@ -116,8 +120,8 @@ impl Irradiance {
         points: SortedPhotons,
         step: f64,
     ) -> Result<IrradianceMap> {
-        let irradiances =
-            gpu.buffer::<[f32; 4]>("penumbra/irradiance/irradiances", whole_rows(points.count as usize))?;
+        let texels = whole_rows(self.texels * points.count as usize);
+        let irradiances = gpu.buffer::<[f32; 4]>("penumbra/irradiance/irradiances", texels)?;
         let counters = gpu.buffer::<u32>("penumbra/irradiance/counters", Counter::COUNT)?;
         let own =
             IrradianceBindings { irradiance_points: &points.sorted, irradiances: &irradiances, counters: &counters };

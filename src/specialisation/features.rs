@@ -129,6 +129,8 @@ kernel_kit::features! {
         SpecularChains,
         /// Method: a photon map of its own holds caustics.
         Caustics,
+        /// Method: irradiance points know the light that only focusing surfaces have scattered.
+        CausticIrradiance,
         /// Method: irradiance records hold the diffuse part of indirect light.
         IrradianceCache,
         /// Method: paths carry indirect light, and another pass carries direct light.

@@ -105,6 +105,12 @@ impl Specialisation {
         let why = format!("{} that may focus light", count(m.focusing, "material"));
         let unneeded = if bounces { "no material focuses light" } else { "no bounces are requested" };
         let cost = "a map for every 8 samples: four times the rays of the global map, a search per point";
-        self.decide(Feature::Caustics, bounces && m.focusing > 0, why, unneeded, cost);
+        let caustics = bounces && m.focusing > 0;
+        self.decide(Feature::Caustics, caustics, why, unneeded, cost);
+        let subtracted = self.features.has(Feature::NegativePhotons);
+        let why = "paths and gather rays would meet focused light by chance".to_owned();
+        let unneeded = if caustics { "photons subtract light" } else { unneeded };
+        let cost = "16 B per irradiance point";
+        self.decide(Feature::CausticIrradiance, caustics && !subtracted, why, unneeded, cost);
     }
 }

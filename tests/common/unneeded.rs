@@ -69,6 +69,7 @@ pub const UNNEEDED: &[Unneeded] = &[
     beside(Feature::Immersed, &[Feature::Glossy, Feature::Transmission]),
     beside(Feature::SpecularChains, &[Feature::Glossy]),
     beside(Feature::Caustics, &[Feature::Glossy]),
+    beside(Feature::CausticIrradiance, &[Feature::Glossy, Feature::Caustics]),
     alone(Feature::PointLights),
     alone(Feature::SpotLights),
     alone(Feature::DirectionalLights),

@@ -104,6 +104,7 @@ fn runs_with_every_feature_give_the_same_bits() {
         Feature::Zones,
         Feature::LightSampling,
         Feature::Caustics,
+        Feature::CausticIrradiance,
         Feature::SpecularChains,
     ];
     assert!(all.iter().all(|feature| specialisation.features.has(*feature)), "something is missing");

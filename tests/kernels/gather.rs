@@ -38,17 +38,25 @@ struct Known {
     shape: Buffer,
 }
 
+/// The whole disc is clear.
+fn clear_disc(radius: f32) -> f32 {
+    f32::from_bits(radius.to_bits() | 255)
+}
+
 impl Known {
     /// Irradiance points at the given positions with normals, all with the same irradiance in every channel and the
     /// same radius.
     fn new(gpu: &Gpu, stage: &Stage, points: &[(DVec3, DVec3)], irradiance: f32, radius: f32) -> Known {
+        Known::with(gpu, stage, points, &[[irradiance, irradiance, irradiance, clear_disc(radius)]])
+    }
+
+    /// Irradiance points that all have the same texels.
+    fn with(gpu: &Gpu, stage: &Stage, points: &[(DVec3, DVec3)], texels: &[[f32; 4]]) -> Known {
         let photons: Vec<Photon> = points.iter().map(|(p, n)| carrying(p.as_vec3(), n.as_vec3(), [0; 3])).collect();
         let shape = irradiance_point_grid(((Vec3::splat(-1.0), Vec3::splat(1.0)), 1.0), photons.len() as u32);
         let buffer = gpu.upload("test/irradiance_points", &photons).unwrap();
         let grid = Grid::sorting_only(gpu, &sorting_grid(&stage.features)).unwrap();
-        // The whole disc is clear.
-        let disc = f32::from_bits(radius.to_bits() | 255);
-        let values = vec![[irradiance, irradiance, irradiance, disc]; photons.len().max(1)];
+        let values = texels.repeat(photons.len().max(1));
         Known {
             points: grid.sort(gpu, &buffer, photons.len() as u32, 1, shape).unwrap(),
             table: gpu.table("test/irradiances", &values, TableFormat::Float).unwrap(),
@@ -278,6 +286,29 @@ fn are_closed_forms_of_a_ceiling(by_seed: &[Vec<Record>], points: &[(DVec3, DVec
                 }
             }
         }
+    }
+}
+
+/// Rays whose footprint is narrower than the discs go on as paths, which meet no light here. What only focusing
+/// surfaces have scattered they take from the irradiance points, once: all other light of these is wrong by far.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn narrow_rays_take_focused_light_from_irradiance_points(gpu: &Gpu) {
+    let mut random = Random(5);
+    // A mirror that nothing sees makes light focus.
+    let mirror = Material { metallic: 1.0, roughness: 0.0, ..surface(0.0, 0.0) };
+    let aside = square(DVec3::Y * -0.5, DVec3::X * 0.1, DVec3::Z * 0.1);
+    let stage = stage(gpu, &[(ceiling(), surface(CEILING, 0.0)), (aside, mirror)], false);
+    assert!(stage.features.has(Feature::CausticIrradiance));
+    let texels = [[1e3, 1e3, 1e3, clear_disc(50.0)], [BRIGHT, BRIGHT, BRIGHT, 0.0]];
+    let known = Known::with(gpu, &stage, &positions_on(&ceiling(), 20_000, &mut random), &texels);
+    // Surfaces of glossy scenes have more texels, but the first is all that the first point needs.
+    for point in [(DVec3::new(0.1, 0.0, 0.0), DVec3::Y), (DVec3::new(-0.2, 0.0, 0.1), DVec3::Y)] {
+        let (by_seed, followed) = Gathering::new(&stage, &known).run(gpu, &[point], &[0], 0..64);
+        assert!(followed > 1000, "{followed}");
+        let (mean, error) = mean_and_error(by_seed.iter().map(|records| records[0].irradiance()));
+        let expected = from_ceiling(point.0, point.1);
+        z_test(mean, error, expected, 2).unwrap_or_else(|e| panic!("{point:?}: {e}"));
+        z_test(1.05 * mean, error, expected, 2).expect_err("a twentieth too much");
     }
 }
 

@@ -66,6 +66,8 @@ struct Bench {
 struct Estimates {
     points: Vec<Photon>,
     irradiances: Vec<[f32; 4]>,
+    /// The part that only focusing surfaces have scattered, with the feature for it.
+    caustics: Vec<[f32; 4]>,
     /// The kernel's counts.
     not_finite: u32,
 }
@@ -95,7 +97,9 @@ impl Bench {
     fn estimate(&self, gpu: &Gpu, map: &SortedPhotons, irradiance_points: &SortedPhotons, step: f32) -> Estimates {
         const BEYOND: usize = 5;
         let count = irradiance_points.count as usize;
-        let irradiances = gpu.poisoned::<[f32; 4]>("test/irradiances", count + BEYOND).unwrap();
+        let apart = self.stage.features.has(Feature::CausticIrradiance);
+        let texels = (1 + usize::from(apart)) * count;
+        let irradiances = gpu.poisoned::<[f32; 4]>("test/irradiances", texels + BEYOND).unwrap();
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let own = Resources::new()
             .with("irradiance_points", &irradiance_points.sorted)
@@ -105,12 +109,32 @@ impl Bench {
         let mut frame = gpu.frame("test");
         frame.run(&bound, irradiance_points.count, &parameters(map, irradiance_points.count, [step, 1.0]));
         frame.submit().unwrap();
-        let mut irradiances: Vec<[f32; 4]> = gpu.read(&irradiances, count + BEYOND).unwrap();
-        let beyond = irradiances.split_off(count);
+        let mut irradiances: Vec<[f32; 4]> = gpu.read(&irradiances, texels + BEYOND).unwrap();
+        let beyond = irradiances.split_off(texels);
         assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind {count} irradiance points");
         assert!(irradiances.iter().flatten().all(|v| v.is_finite()), "poison or worse of {count} irradiance points");
         let not_finite = gpu.read::<u32>(&counters, Counter::COUNT).unwrap()[Counter::NotFiniteIrradiance as usize];
-        Estimates { points: gpu.read(&irradiance_points.sorted, count).unwrap(), irradiances, not_finite }
+        let of_points =
+            |first: usize| irradiances.iter().skip(first).step_by(1 + usize::from(apart)).copied().collect();
+        let (irradiances, caustics) = (of_points(0), if apart { of_points(1) } else { Vec::new() });
+        Estimates { points: gpu.read(&irradiance_points.sorted, count).unwrap(), irradiances, caustics, not_finite }
+    }
+
+    /// What an entry point of `shaders/irradiance_near.wgsl` finds at the first `count` points.
+    fn look_up(&self, gpu: &Gpu, entry: &str, known: &dyn Bindings, points: &[Point], count: usize) -> Vec<[f32; 4]> {
+        let source = include_str!("shaders/irradiance_near.wgsl");
+        let composed = compose_source("irradiance_near", source, &self.stage.features).unwrap();
+        let kernel = new_kernel(gpu, &composed, &[("count", count as f64)], &[]).unwrap();
+        let queries = gpu.upload("test/queries", points).unwrap();
+        let found = gpu.poisoned::<[f32; 4]>("test/found", count + 1).unwrap();
+        let own = Resources::new().with("queries", &queries).with("found", &found);
+        let bound = kernel.bind(gpu, entry, &[&own, known]).unwrap();
+        let mut frame = gpu.frame("test");
+        frame.run(&bound, count as u32, &[0u32; 0]);
+        frame.submit().unwrap();
+        let mut found: Vec<[f32; 4]> = gpu.read(&found, count + 1).unwrap();
+        assert!(found.pop().unwrap().iter().all(|v| v.to_bits() == POISON));
+        found
     }
 
     /// The output of an entry point at points: `show` over poison, `caustics` on top of 1.
@@ -526,6 +550,70 @@ fn thin_walls_let_nothing_through(gpu: &Gpu) {
     }
 }
 
+/// Photons that only focusing surfaces have scattered count twice: as all photons do, and in a part of their own. A
+/// look-up finds that part of the nearest irradiance point.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn focused_light_is_kept_apart(gpu: &Gpu) {
+    const STEP: f32 = 1e-4;
+    let rectangles = corner_and_cube();
+    let bench = Bench::with(gpu, &rectangles, Some(Feature::CausticIrradiance));
+    let mut random = Random(13);
+    let photons: Vec<Photon> = (0..5000)
+        .map(|_| {
+            let (position, normal) = somewhere(&rectangles, &mut random);
+            let photon = photon(position, normal, 0, false);
+            Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
+        })
+        .collect();
+    // The oracle subtracts photons with bit 31.
+    let unmarked = |p: &Photon| Photon { word: p.word & !(1 << 31), ..*p };
+    let all: Vec<Photon> = photons.iter().map(unmarked).collect();
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
+    let map = bench.sort(gpu, &photons, shape);
+    let pass = Irradiance::new(gpu, &bench.stage.features, &bench.stage.gpu_scene.constants()).unwrap();
+    for count in [0u32, 1, 63, 64, 65, 400] {
+        let irradiance_points: Vec<Photon> = (0..count)
+            .map(|_| {
+                let (position, normal) = somewhere(&rectangles, &mut random);
+                photon(position, normal, 0, false)
+            })
+            .collect();
+        let sorted = bench.sort(gpu, &irradiance_points, irradiance_point_grid((BOUNDS, 3.0), count));
+        let estimates = bench.estimate(gpu, &map, &sorted, STEP);
+        assert_eq!((estimates.irradiances.len(), estimates.caustics.len()), (count as usize, count as usize));
+        let points: Vec<Point> =
+            estimates.points.iter().map(|p| point(Vec3::from(p.position), photon_normal(p.word).as_vec3())).collect();
+        let known = pass.precompute(gpu, &bench.stage.gpu_scene, &map, sorted, STEP.into()).unwrap();
+        assert_eq!(bench.look_up(gpu, "focused", &known, &points, points.len()), estimates.caustics);
+        let mut checked = 0;
+        for ((point, value), caustic) in estimates.points.iter().zip(&estimates.irradiances).zip(&estimates.caustics) {
+            let found = brute_force(&all, &shape, point);
+            let Some((share, _)) = covered(&bench.stage, point, found.radius).filter(|_| !found.doubtful) else {
+                continue;
+            };
+            if share == 0.0 {
+                assert_eq!(caustic, &[0.0; 4]);
+                continue;
+            }
+            // All less those with the mark, less those without it, are twice those with it.
+            let without = (found.density + brute_force(&photons, &shape, point).density) / 2.0;
+            let expected = [found.density, found.density - without].map(|density| density * f64::from(STEP) / share);
+            let off = |value: &[f32; 4], expected: DVec3| {
+                let value = DVec3::new(f64::from(value[0]), f64::from(value[1]), f64::from(value[2]));
+                // Sums are whole numbers, some products and quotients are in f32.
+                (value - expected).abs().max_element() / (2e-5 * expected.abs().max_element() + 1e-9)
+            };
+            assert!(off(value, expected[0]) <= 1.0, "{point:?}: {value:?}, expected {}", expected[0]);
+            assert!(off(caustic, expected[1]) <= 1.0, "{point:?}: {caustic:?}, expected {}", expected[1]);
+            if expected[1].max_element() > 0.0 {
+                checked += 1;
+                assert!(off(caustic, expected[0] - expected[1]) > 1.0, "the other photons would pass");
+            }
+        }
+        assert!(count < 400 || checked > 200, "{checked} of {count} points have focused light");
+    }
+}
+
 /// Irradiance points whose irradiance is beyond f32 have no estimate and are counted. Those that no photon reaches are
 /// not among them, unless the step itself is infinite.
 #[kernel_test("PENUMBRA_DEVICE")]
@@ -679,21 +767,7 @@ fn look_ups_find_the_nearest_irradiance_point(gpu: &Gpu) {
         let sorted_irradiance_points: Vec<[u32; 4]> =
             gpu.read(&sorted.sorted, irradiance_point_count as usize).unwrap();
         let known = pass.precompute(gpu, &bench.stage.gpu_scene, &map, sorted, 1.0).unwrap();
-        let read = |entry: &str, count: usize| -> Vec<[f32; 4]> {
-            let source = include_str!("shaders/irradiance_near.wgsl");
-            let composed = compose_source("irradiance_near", source, &bench.stage.features).unwrap();
-            let kernel = new_kernel(gpu, &composed, &[("count", count as f64)], &[]).unwrap();
-            let queries = gpu.upload("test/queries", &points).unwrap();
-            let found = gpu.poisoned::<[f32; 4]>("test/found", count + 1).unwrap();
-            let own = Resources::new().with("queries", &queries).with("found", &found);
-            let bound = kernel.bind(gpu, entry, &[&own, &known as &dyn Bindings]).unwrap();
-            let mut frame = gpu.frame("test");
-            frame.run(&bound, count as u32, &[0u32; 0]);
-            frame.submit().unwrap();
-            let mut found: Vec<[f32; 4]> = gpu.read(&found, count + 1).unwrap();
-            assert!(found.pop().unwrap().iter().all(|v| v.to_bits() == POISON));
-            found
-        };
+        let read = |entry: &str, count: usize| bench.look_up(gpu, entry, &known, &points, count);
         for (irradiance_point, held) in
             sorted_irradiance_points.iter().zip(read("dump", irradiance_point_count as usize))
         {

@@ -2,6 +2,7 @@
 // In: `fluxes` and `marks`. Out: `words`; see each.
 
 import package::kit::group_index;
+import package::lib::constants::PHOTON_SHADOW;
 import package::lib::photon::{flux_of, flux_word};
 
 override count: u32;
@@ -21,6 +22,7 @@ fn encode(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= count { return; }
-    let word = flux_word(marks[i].x, fluxes[i].xyz, fluxes[i].w, marks[i].y != 0u);
+    let kind = select(0u, PHOTON_SHADOW, marks[i].y != 0u);
+    let word = flux_word(marks[i].x, fluxes[i].xyz, fluxes[i].w, kind);
     words[i] = vec4u(word, bitcast<vec3u>(flux_of(word)));
 }
