@@ -6,11 +6,12 @@
 // Out: `wanted_points`, `radiance_indirect` and `path_points`.
 
 import package::kit::{dispatch_groups, group_index};
-import package::lib::math::{PI, oct_decode16};
+import package::lib::bsdf::bsdf_diffuse;
+import package::lib::math::oct_decode16;
 @if(glossy) import package::lib::bsdf::surface::reflects_beyond_diffuse;
 import package::lib::record::{Interpolated, NO_BLOCK, interpolate_records};
 import package::lib::point::{Point, VisibleSurface};
-import package::lib::visible_point::{load_point, load_surface};
+import package::lib::visible_point::{load_point, load_surface, visible_surface};
 import package::lib::tile::Tile;
 @if(!thin_lens) import package::lib::tile::tile_pixel;
 @if(thin_lens) import package::lib::camera::film_position;
@@ -107,7 +108,7 @@ fn interpolate(
         light = vec4f(0.0);
         queued = true;
     } else if wants {
-        light = vec4f(surface.packed.base.xyz * found.irradiance * (1.0 / PI), 1.0);
+        light = vec4f(bsdf_diffuse(visible_surface(surface, point)) * found.irradiance, 1.0);
         if found.weight <= 0.0 {
             light = vec4f(0.0);
             queued = true;
@@ -132,7 +133,7 @@ fn change(
     let wants = i < cache_pass.tile.point_count && before.w > 0.0 && reflects_diffusely(surface, point);
     let found = interpolate_at(i, surface, point, wants, lane);
     if i >= cache_pass.tile.point_count { return; }
-    let light = surface.packed.base.xyz * found.irradiance * (1.0 / PI);
+    let light = bsdf_diffuse(visible_surface(surface, point)) * found.irradiance;
     let changes = wants && found.weight > 0.0;
     radiance_indirect[i] = vec4f(select(vec3f(0.0), light - before.xyz, changes), 0.0);
 }

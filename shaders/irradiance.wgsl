@@ -20,7 +20,8 @@ import package::lib::grid::{
     PI, basis, circle_point, invalid_sample, is_finite3, oct_decode16
 };
 @if(photon_map || caustics) import package::lib::point::{Point, VisibleSurface};
-@if(photon_map || caustics) import package::lib::visible_point::{load_point, load_surface};
+@if(photon_map || caustics) import package::lib::bsdf::bsdf_diffuse;
+@if(photon_map || caustics) import package::lib::visible_point::{load_point, load_surface, visible_surface};
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
 import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::constants::UNSHADOWED_LIGHTS;
@@ -120,7 +121,7 @@ fn show(
     if !there { return; }
     var radiance = vec3f(0.0);
     if shown {
-        radiance = surface.packed.base.xyz * found.value / PI;
+        radiance = bsdf_diffuse(visible_surface(surface, point)) * found.value;
         @if(specular_chains) { radiance *= surface.chain.xyz; }
         radiance = checked(radiance, i);
     }
@@ -140,13 +141,13 @@ fn caustics(
     if i >= irradiance_pass.count { return; }
     let point = load_point(i);
     let surface = load_surface(i);
-    var albedo = surface.packed.base.xyz;
-    @if(specular_chains) { albedo *= surface.chain.xyz; }
-    if point.normal == INVALID_POINT || !any(albedo > vec3f(0.0)) { return; }
+    if point.normal == INVALID_POINT || !any(surface.packed.base.xyz > vec3f(0.0)) { return; }
+    var reflected = bsdf_diffuse(visible_surface(surface, point));
+    @if(specular_chains) { reflected *= surface.chain.xyz; }
     let query = photon_query(surface, point);
     let disc = flux_about(query.position, query.normal, MAX_REACH_OF_POINTS);
     if disc.radius <= 0.0 && !traversal_overrun { return; }
-    let radiance = albedo * disc.flux / (PI * PI * disc.radius * disc.radius);
+    let radiance = reflected * disc.flux / (PI * disc.radius * disc.radius);
     radiance_indirect[i] += vec4f(checked(radiance, i), 0.0);
 }
 

@@ -108,11 +108,6 @@ fn through_microfacets(s: Surface, light_z: f32, view_z: f32) -> f32 {
 
 // ---- Evaluation
 
-// The part of the BSDF that is the same for all directions.
-fn bsdf_diffuse(s: Surface) -> vec3f {
-    return diffuse_value(s.albedo);
-}
-
 // The share of light that the layers transmit to the microfacets.
 @if(glossy)
 fn through_layers(s: Surface, pair: LayerPair) -> f32 {
@@ -125,6 +120,17 @@ fn through_layers(s: Surface, pair: LayerPair) -> f32 {
 @if(glossy)
 fn through_to_base(s: Surface, pair: LayerPair) -> f32 {
     return through_microfacets(s, pair.local.light.z, pair.local.view.z) * through_layers(s, pair);
+}
+
+// The diffuse part of the BSDF, which is the same for light from all directions: what the base reflects to the viewer
+// of light along the normal. Layers take more of other light, which `bsdf_residual` subtracts. At a grazing view they
+// take most; if that were left to the residual, its noise would exceed what is seen.
+fn bsdf_diffuse(s: Surface) -> vec3f {
+    @if(glossy) {
+        let pair = LayerPair(local_pair(s, s.shading_normal), s.shading_normal, s.view);
+        return diffuse_value(s.albedo) * through_to_base(s, pair);
+    }
+    @else { return diffuse_value(s.albedo); }
 }
 
 // The BSDF of microfacets and wide layers, attenuated by the layers above each.
@@ -163,35 +169,40 @@ fn diffusely_passed(s: Surface, local: LocalPair) -> vec3f {
     return diffuse_value(s.diffuse_transmission.tint) * through_microfacets(s, -local.light.z, local.view.z);
 }
 
-// The BSDF less its diffuse part, times the cosine, for light from the unit `direction`. Negative where the layers take
-// more light from the base than they reflect in this direction. Each lobe uses the cosine to its own normal, as
-// KHR_materials_clearcoat does: a coat with a normal of its own then reflects no more than one with the base's normal.
-fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
-    @if(glossy) {
-        let pair = LayerPair(local_pair(s, direction), direction, s.view);
-        @if(transmission) {
-            if bsdf_passes(s, direction) {
-                let found = passing(s.transmission, pair.local);
-                let share = transmittance(s, dot(pair.local.view, found.normal));
-                var value = share * passing_value(s.transmission, found, pair.local);
-                @if(diffuse_transmission) { value += diffusely_passed(s, pair.local); }
-                return value * through_layers(s, pair) * -pair.local.light.z;
-            }
+// The BSDF less a part that is the same for all directions, times the cosine, for light from the unit `direction`.
+// Each lobe uses the cosine to its own normal, as KHR_materials_clearcoat does: a coat with a normal of its own then
+// reflects no more than one with the base's normal.
+@if(glossy)
+fn bsdf_less(s: Surface, direction: vec3f, part: vec3f) -> vec3f {
+    let pair = LayerPair(local_pair(s, direction), direction, s.view);
+    @if(transmission) {
+        if bsdf_passes(s, direction) {
+            let found = passing(s.transmission, pair.local);
+            let share = transmittance(s, dot(pair.local.view, found.normal));
+            var value = share * passing_value(s.transmission, found, pair.local);
+            @if(diffuse_transmission) { value += diffusely_passed(s, pair.local); }
+            return value * through_layers(s, pair) * -pair.local.light.z;
         }
-        var value = vec3f(0.0);
-        let faced = bsdf_faces(s, direction);
-        if faced {
-            let kept = bsdf_diffuse(s) * (1.0 - through_to_base(s, pair));
-            value = (specular_value(s, pair) - kept) * pair.local.light.z;
-        }
-        return value + glossy_layers_value(s, pair, faced);
     }
+    var value = vec3f(0.0);
+    let faced = bsdf_faces(s, direction);
+    if faced {
+        let base = diffuse_value(s.albedo) * through_to_base(s, pair);
+        value = (specular_value(s, pair) + (base - part)) * pair.local.light.z;
+    }
+    return value + glossy_layers_value(s, pair, faced);
+}
+
+// The BSDF less its diffuse part, times the cosine. Negative where the layers take more of this light from the base
+// than of light along the normal, and more than they reflect.
+fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
+    @if(glossy) { return bsdf_less(s, direction, bsdf_diffuse(s)); }
     @else { return vec3f(0.0); }
 }
 
 // The BSDF, per steradian, times the cosine; 0 for directions that the surface neither faces nor transmits.
 fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
-    @if(glossy) { return diffuse_reflection(s, direction) + bsdf_residual(s, direction); }
+    @if(glossy) { return bsdf_less(s, direction, vec3f(0.0)); }
     @else { return diffuse_reflection(s, direction); }
 }
 

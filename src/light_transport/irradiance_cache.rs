@@ -45,7 +45,8 @@ pub(crate) struct CacheKernels {
 
 impl CacheKernels {
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<CacheKernels> {
-        let (gather, cache) = rayon::join(|| Gather::new(gpu, features, constants), || Cache::new(gpu, features));
+        let (gather, cache) =
+            rayon::join(|| Gather::new(gpu, features, constants), || Cache::new(gpu, features, constants));
         Ok(CacheKernels { gather: gather?, cache: cache? })
     }
 }

@@ -227,8 +227,8 @@ impl Cache {
     ///
     /// # Errors
     /// As [`Kernel::new`].
-    pub fn new(gpu: &Gpu, features: &Features) -> Result<Cache> {
-        Ok(Cache(kernel(gpu, "cache", features, &[], &[CacheBindings::DECLARED])?))
+    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Cache> {
+        Ok(Cache(kernel(gpu, "cache", features, constants, &[CacheBindings::DECLARED])?))
     }
 
     /// Binds it to the records and to a tile's buffers, which must have one for indirect light.

@@ -2,8 +2,10 @@
 
 use std::f64::consts::PI;
 
+use bytemuck::Zeroable;
 use glam::{DVec3, Vec3, Vec4};
-use kernel_kit::{Gpu, POISON, kernel_test, whole_rows};
+use kernel_kit::{Gpu, POISON, Resources, kernel_test, whole_rows};
+use penumbra::internal::gpu_scene::CameraUniform;
 use penumbra::internal::kernels::{INVALID_POINT, PATH_GROUP};
 use penumbra::internal::passes::cache::{Cache, CacheBuffers, ViewRecords, wanted};
 use penumbra::internal::passes::gather::RecordHead;
@@ -20,6 +22,13 @@ const BLOCK: f64 = 8.0;
 
 /// A point whose records weigh less than this in total needs a record of its own.
 const MIN_WEIGHT: f64 = 0.3;
+
+/// Towards the viewer, at a grazing angle, where a glossy layer takes a fifth of the base's light.
+const VIEW: DVec3 = DVec3::new(1.0, 0.2, 0.3);
+
+/// Reflectance of the glossy layers at normal incidence, and their width.
+const F0: f64 = 0.04;
+const ALPHA: f64 = 0.3;
 
 /// A record, and the part of the image that it reaches.
 #[derive(Clone)]
@@ -158,8 +167,8 @@ impl Setup {
         for (i, albedo) in self.albedos.iter().enumerate() {
             surfaces.push(albedo.extend(f32::from_bits(oct_encode(shading_normal(i)))));
             if self.features.has(Feature::Glossy) {
-                let [f0, f90] = [0.04, 1.0].map(|part| if is_glossy(i) { part } else { 0.0 });
-                surfaces.extend([Vec3::splat(f0).extend(f90), Vec4::NAN]);
+                let [f0, f90] = [F0 as f32, 1.0].map(|part| if is_glossy(i) { part } else { 0.0 });
+                surfaces.extend([Vec3::splat(f0).extend(f90), Vec4::new(f0, f90, ALPHA as f32, f32::NAN)]);
             }
         }
         tile.points = published(gpu, "test/points", &self.points);
@@ -168,8 +177,12 @@ impl Setup {
         let mut buffers = CacheBuffers::new(gpu, self.tile.point_count).unwrap();
         buffers.path_points = gpu.poisoned::<u32>("test/path_points", count + 3).unwrap();
         buffers.path_arguments = gpu.poisoned::<u32>("test/arguments", 4).unwrap();
-        let pass = Cache::new(gpu, features).unwrap();
-        let bind = |records: &ViewRecords| pass.bind(gpu, &tile, &buffers, records, &[]).unwrap();
+        let pass = Cache::new(gpu, features, &[]).unwrap();
+        let backward = VIEW.normalize().as_vec3().to_array();
+        let camera = CameraUniform { orthographic: 1, backward, ..CameraUniform::zeroed() };
+        let camera = gpu.upload("test/camera", &[camera]).unwrap();
+        let scene = Resources::new().with("camera", &camera);
+        let bind = |records: &ViewRecords| pass.bind(gpu, &tile, &buffers, records, &[&scene]).unwrap();
         let bound = bind(&records);
         let before = before.map(|before| bind(&before.view_records(gpu)));
         let mut frame = gpu.frame("test");
@@ -191,6 +204,16 @@ impl Setup {
         let groups = queued.div_ceil(PATH_GROUP);
         assert!(x * y >= groups && x * y < groups + x.max(1) && (z, beyond) == (1, POISON), "{x} {y} {z} of {groups}");
         Outcome { wanted: wanted(gpu, &buffers).unwrap(), path_points, radiance }
+    }
+
+    /// The share of the diffuse base that a viewer sees: a glossy layer takes what it reflects of light at the view's
+    /// angle (Schlick), a tenth less at grazing angles for each tenth of its width.
+    fn seen(&self, i: usize) -> f64 {
+        if !(self.features.has(Feature::Glossy) && is_glossy(i)) {
+            return 1.0;
+        }
+        let cosine = VIEW.normalize().dot(point_normal(oct_encode(shading_normal(i))));
+        1.0 - (F0 + (1.0 - 0.9 * ALPHA - F0) * (1.0 - cosine).powi(5))
     }
 
     /// Irradiance and weight at a point, and the maximum rounding error of each.
@@ -267,7 +290,7 @@ impl Setup {
                 continue;
             }
             let covered = weight > 0.0;
-            let right = self.albedos[i].as_dvec3() * irradiance / PI;
+            let right = self.albedos[i].as_dvec3() * irradiance * self.seen(i) / PI;
             let lists = wanted == (weight < MIN_WEIGHT) && queued == (!covered || beyond);
             let lit = (light - right).abs().max_element() <= error + 1e-6 && got[3] == f64::from(u8::from(covered));
             wrong += usize::from(!(lists && lit));
