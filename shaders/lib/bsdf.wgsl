@@ -261,9 +261,10 @@ fn focuses(s: Surface) -> bool {
 // counts with its mean reflectance, spread as the base's light is: traced paths would find its highlights of small
 // lights with few rays, each as bright as the light. A bent shading normal receives only part of the light.
 fn bsdf_seen_afar(s: Surface) -> vec3f {
-    let facing = max(dot(s.shading_normal, s.geometric_normal), 0.0) / PI;
+    let cosine = max(dot(s.shading_normal, s.geometric_normal), 0.0);
     @if(glossy) {
         if !reflects_more(s) {
+            let facing = cosine / PI;
             var base = mean_with_specular(s.specular, s.albedo);
             @each(wide_layer) { base = NAME_mean(s.NAME, base); }
             var reflected = 0.0;
@@ -275,7 +276,8 @@ fn bsdf_seen_afar(s: Surface) -> vec3f {
             return base * facing + reflected;
         }
     }
-    return s.albedo * facing;
+    // Paths go on with the residual.
+    return bsdf_diffuse(s) * cosine;
 }
 
 // ---- Sampling

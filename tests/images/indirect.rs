@@ -73,6 +73,26 @@ fn glass_and_metal_match_the_path_tracer() {
     assert!((there - here).abs() < 0.1 * there, "caustic: {there} by paths, {here} by photons");
 }
 
+/// Where paths and gather rays take the diffuse light of a surface from the map and go on for its reflection, the two
+/// make up the surface: a closed room of half metal, whose walls have both, has the path tracer's mean. The tolerance is 1 %,
+/// the error of interpolating irradiance records and of photons, plus 3.5 standard errors.
+#[test]
+fn half_metals_match_the_path_tracer() {
+    let half = Material { metallic: 0.5, roughness: 0.6, specular: Specular::with_factor(1.0), ..surface(0.6, 0.0) };
+    let lamp = square(DVec3::new(0.1, 0.45, 0.0), DVec3::X * 0.15, DVec3::Z * 0.15);
+    let meshes = [(inside_out(cube(DVec3::ZERO, 0.5)), half), (lamp, surface(0.0, 5.0))];
+    let view = camera(DVec3::new(-0.4, -0.2, 0.4), DVec3::new(0.8, 0.1, -0.8), 1.2);
+    let of = |technique, spp| {
+        let settings = settings(technique, [48, 48], spp, 64);
+        mean_and_error(&render_scene(scene(&meshes, Vec::new()), &view, &settings).0, "G")
+    };
+    let (paths, photons) = (of(Technique::PATH, 512), of(Technique::TWO_PASS, 64));
+    println!("{photons:?}, paths {paths:?}");
+    let off = |mean: f64| (mean - paths.0).abs() / (0.01 * paths.0 + 3.5 * paths.1.hypot(photons.1));
+    assert!(off(photons.0) < 1.0, "{photons:?}, paths {paths:?}");
+    assert!(off(1.05 * photons.0) > 1.0, "a twentieth too much would pass");
+}
+
 /// Transmittance of the glass for the light that it does not reflect.
 const TINT: f32 = 0.9;
 
