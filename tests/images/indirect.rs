@@ -74,8 +74,9 @@ fn glass_and_metal_match_the_path_tracer() {
 }
 
 /// Where paths and gather rays take the diffuse light of a surface from the map and go on for its reflection, the two
-/// make up the surface: a closed room of half metal, whose walls have both, has the path tracer's mean. The tolerance is 1 %,
-/// the error of interpolating irradiance records and of photons, plus 3.5 standard errors.
+/// make up the surface: a closed room of half metal, whose walls have both, has the path tracer's mean. The tolerance
+/// is 0.5 %, for records and photons, plus 3.5 standard errors. With the light of the whole base from the map, the room
+/// was 1.5 % too bright.
 #[test]
 fn half_metals_match_the_path_tracer() {
     let half = Material { metallic: 0.5, roughness: 0.6, specular: Specular::with_factor(1.0), ..surface(0.6, 0.0) };
@@ -86,11 +87,11 @@ fn half_metals_match_the_path_tracer() {
         let settings = settings(technique, [48, 48], spp, 64);
         mean_and_error(&render_scene(scene(&meshes, Vec::new()), &view, &settings).0, "G")
     };
-    let (paths, photons) = (of(Technique::PATH, 512), of(Technique::TWO_PASS, 64));
+    let (paths, photons) = (of(Technique::PATH, 512), of(Technique::TWO_PASS, 400));
     println!("{photons:?}, paths {paths:?}");
-    let off = |mean: f64| (mean - paths.0).abs() / (0.01 * paths.0 + 3.5 * paths.1.hypot(photons.1));
+    let off = |mean: f64| (mean - paths.0).abs() / (0.005 * paths.0 + 3.5 * paths.1.hypot(photons.1));
     assert!(off(photons.0) < 1.0, "{photons:?}, paths {paths:?}");
-    assert!(off(1.05 * photons.0) > 1.0, "a twentieth too much would pass");
+    assert!(off(1.015 * photons.0) > 1.0, "the whole base would pass");
 }
 
 /// Transmittance of the glass for the light that it does not reflect.
