@@ -6,18 +6,14 @@
 // In: `points`, `surfaces`, and in `wanted` the points that get records.
 // Out: `record_heads` and `record_values`; see lib/record. Lengths are in scene units after normalisation.
 
-import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
-@if(caustics) import package::lib::bsdf::focuses;
-@if(caustic_irradiance) import package::lib::grid::FAR;
-@if(caustic_irradiance) import package::lib::path_tracing::caustic_light;
+import package::lib::bsdf::reflects_more;
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{no_ray, trace_closest_together};
 import package::lib::camera::pixel_size;
 import package::kit::{dispatch_groups, group_index};
-import package::lib::irradiance::irradiance_near;
 import package::lib::light::BEYOND_SCENE;
 import package::lib::math::{PI, basis, circle_point, is_finite3, luminance, oct_decode16};
-import package::lib::path_tracing::{PathStart, PathVertex, spread_along, trace_path};
+import package::lib::path_tracing::{PathStart, PathVertex, known_light, spread_along, trace_path};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
 import package::lib::visible_point::{load_point, load_surface};
 import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, offset_origin};
@@ -164,27 +160,13 @@ fn gather(
         @if(dispersion) { begin_wavelengths(gathering.seed, hash1(gathering.number), vec3f(1.0)); }
         let found = surface_at(hit, gathering.ray);
         if !found.unlit {
-            let known = irradiance_near(found.triangle_position, found.triangle_normal);
-            var follow = 0u;
-            var follows = true;
-            var wide = spread_along(gathering.pdf, hit.t) >= known.radius;
-            // The caustic map holds part of a focusing surface's light. The path tracer separates it.
-            @if(caustics) let focusing = focuses(found.surface);
-            @if(caustics) { wide = wide && !focusing; }
-            if wide {
-                radiance = vec4f(bsdf_seen_afar(found.surface) * known.value, radiance.w);
-                @if(transmission) { radiance *= vec4f(found.transmittance, 1.0); }
-                follow = FOLLOW_RESIDUAL;
-                follows = reflects_more(found.surface);
-            }
-            @if(caustic_irradiance) {
-                if !wide && !focusing && known.radius < FAR {
-                    radiance = vec4f(caustic_light(found.surface, known), radiance.w);
-                    @if(transmission) { radiance *= vec4f(found.transmittance, 1.0); }
-                    follow = FOLLOW_CAUSTIC_KNOWN;
-                }
-            }
-            if follows {
+            let spread = spread_along(gathering.pdf, hit.t);
+            let known = known_light(found.surface, found.triangle_position, found.triangle_normal, spread);
+            radiance = vec4f(known.radiance, radiance.w);
+            @if(transmission) { radiance *= vec4f(found.transmittance, 1.0); }
+            var follow = select(0u, FOLLOW_RESIDUAL, known.all);
+            @if(caustics) { follow |= select(0u, FOLLOW_CAUSTIC_KNOWN, known.caustic); }
+            if !known.all || reflects_more(found.surface) {
                 let at = atomicAdd(&follow_count[0], 1u);
                 follow_rays[at] = id | follow;
                 follow_hits[at] = vec4f(hit.t, hit.u, hit.v, bitcast<f32>(hit.triangle));
@@ -225,7 +207,7 @@ fn follow(
         vertex.sample_index = gathering.number;
         @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
     }
-    var start = PathStart();
+    var start: PathStart;
     start.there = there;
     start.bounce = 1u;
     start.spread = spread_along(gathering.pdf, words.x);

@@ -24,7 +24,7 @@ import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, le
 @if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{traversal_iterations, traversal_overrun};
 @if(global_map) import package::lib::irradiance::irradiance_near;
-@if(caustic_irradiance) import package::lib::irradiance::{Irradiance, load_caustic_irradiance};
+@if(caustic_irradiance) import package::lib::irradiance::load_caustic_irradiance;
 @if(caustic_irradiance) import package::lib::grid::FAR;
 import package::lib::light::{BEYOND_SCENE, sample_light, is_beyond, light_sample, shadow_ray};
 import package::lib::light::table::load_light_texel;
@@ -180,7 +180,7 @@ fn trace_path(
         if path.goes_on { extend_path(&path, scattered, ray, hit); }
         traversal_overrun |= begins && traversal_iterations > PATH_ITERATIONS;
         path.goes_on &= !traversal_overrun && path.bounce < max_bounces;
-        @if(global_map) { if path.goes_on { path.goes_on = !add_known_irradiance(&path); } }
+        @if(global_map) { if path.goes_on { path.goes_on = !add_known_light(&path); } }
         if !in_any_lane(path.goes_on, lane) { break; }
     }
     return path.radiance;
@@ -318,36 +318,48 @@ fn extend_path(path: ptr<function, Path>, scattered: BsdfSample, ray: Ray, hit: 
     }
 }
 
-// Adds precomputed irradiance if the path's footprint is wide enough. Returns true if nothing remains to be traced.
+// What the irradiance points tell of the light that a surface reflects.
 @if(global_map)
-fn add_known_irradiance(path: ptr<function, Path>) -> bool {
-    let known = irradiance_near((*path).photon_position, (*path).photon_normal);
-    var wide = (*path).spread >= known.radius;
-    @if(caustics) {
-        let focusing = focuses((*path).vertex.surface);
-        wide = wide && !focusing;
-        (*path).specular_chain = (*path).specular_chain && focusing;
-        (*path).caustic_known = false;
-        @if(caustic_irradiance) {
-            if !focusing && !wide && known.radius < FAR {
-                (*path).radiance.indirect += (*path).throughput * caustic_light((*path).vertex.surface, known);
-                (*path).caustic_known = true;
-                (*path).specular_chain = true;
-            }
-        }
-    }
-    @if(glossy) { (*path).vertex.residual = wide; }
-    if wide {
-        (*path).radiance.indirect += (*path).throughput * bsdf_seen_afar((*path).vertex.surface) * known.value;
-        return !reflects_more((*path).vertex.surface);
-    }
-    return false;
+struct KnownLight {
+    radiance: vec3f,
+    // The footprint is wide enough for the whole diffuse light.
+    all: bool,
+    @if(caustics) focusing: bool,
+    // Of a narrower footprint, the light from focusing surfaces.
+    @if(caustics) caustic: bool,
 }
 
-// The light that the diffuse part of a surface reflects, and that only focusing surfaces have scattered before.
-@if(caustic_irradiance)
-fn caustic_light(surface: Surface, known: Irradiance) -> vec3f {
-    return bsdf_diffuse(surface) * load_caustic_irradiance(known.point);
+// Photons of the surface are stored at the position and normal; `spread` is the radius of the path's footprint there.
+@if(global_map)
+fn known_light(surface: Surface, position: vec3f, normal: vec3f, spread: f32) -> KnownLight {
+    let known = irradiance_near(position, normal);
+    var light: KnownLight;
+    light.all = spread >= known.radius;
+    @if(caustics) {
+        // The caustic map holds part of a focusing surface's light. The path tracer separates it.
+        light.focusing = focuses(surface);
+        light.all = light.all && !light.focusing;
+    }
+    if light.all { light.radiance = bsdf_seen_afar(surface) * known.value; }
+    @if(caustic_irradiance) {
+        light.caustic = !light.all && !light.focusing && known.radius < FAR;
+        if light.caustic { light.radiance = bsdf_diffuse(surface) * load_caustic_irradiance(known.point); }
+    }
+    return light;
+}
+
+// Adds what the irradiance points tell of the vertex. Returns true if nothing remains to be traced.
+@if(global_map)
+fn add_known_light(path: ptr<function, Path>) -> bool {
+    let surface = (*path).vertex.surface;
+    let known = known_light(surface, (*path).photon_position, (*path).photon_normal, (*path).spread);
+    @if(caustics) {
+        (*path).caustic_known = known.caustic;
+        (*path).specular_chain = known.caustic || ((*path).specular_chain && known.focusing);
+    }
+    @if(glossy) { (*path).vertex.residual = known.all; }
+    if any(known.radiance != vec3f(0.0)) { (*path).radiance.indirect += (*path).throughput * known.radiance; }
+    return known.all && !reflects_more(surface);
 }
 
 // How much a ray of the given density by solid angle widens the path's footprint over a distance. It is at most that of

@@ -277,7 +277,8 @@ fn photons_lie_as_light_does(gpu: &Gpu) {
 fn only_focused_photons_are_marked(gpu: &Gpu) {
     let (half, height, lamp) = (0.2, 0.3, DVec3::new(0.05, 0.1, -0.02));
     let mirror = Material { metallic: 1.0, roughness: 0.0, base_colour: Vec4::ONE, ..surface(0.0, 0.0) };
-    let panel = square(DVec3::new(lamp.x, height, lamp.z), DVec3::X * half, DVec3::Z * half);
+    let centre = DVec3::new(lamp.x, height, lamp.z);
+    let panel = square(centre, DVec3::X * half, DVec3::Z * half);
     let light = point_light(lamp.as_vec3(), Vec3::ONE);
     let stage = stage(gpu, scene(&[room(0.5), (panel, mirror)], vec![light]));
     let traced = Traced::new(gpu, &stage, 1 << 17, 16);
@@ -287,7 +288,7 @@ fn only_focused_photons_are_marked(gpu: &Gpu) {
         let from_image = Vec3::from(p.position).as_dvec3() - image;
         let at = image + from_image * ((height - image.y) / from_image.y);
         // Even the smoothest surfaces have a roughness, which moves a few reflections by a fiftieth.
-        from_image.y < 0.0 && (at - panel_centre(lamp, height)).abs().max_element() < half + 0.02
+        from_image.y < 0.0 && (at - centre).abs().max_element() < half + 0.02
     };
     let through = marked.iter().filter(behind).count();
     assert_eq!((through, marked.len() > 5000, others.len() > 100_000), (marked.len(), true, true));
@@ -299,10 +300,6 @@ fn only_focused_photons_are_marked(gpu: &Gpu) {
     let error = 4.0 * PI * (share * (1.0 - share) / f64::from(1 << 17)).sqrt() + traced.rounding();
     z_test(power, error, 4.0 * PI * share, 1).unwrap();
     z_test(1.05 * power, error, 4.0 * PI * share, 1).expect_err("a twentieth too much");
-}
-
-fn panel_centre(lamp: DVec3, height: f64) -> DVec3 {
-    DVec3::new(lamp.x, height, lamp.z)
 }
 
 /// Rays of the kernel alone.

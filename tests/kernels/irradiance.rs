@@ -312,6 +312,16 @@ fn somewhere(rectangles: &[Rectangle], random: &mut Random) -> (Vec3, Vec3) {
     (on(rectangle, random), rectangle.normal())
 }
 
+/// Photons somewhere on the rectangles, with any bits for flux and kind.
+fn photons_of_any_flux(rectangles: &[Rectangle], count: usize, random: &mut Random) -> Vec<Photon> {
+    let any = |_| {
+        let (position, normal) = somewhere(rectangles, random);
+        let photon = photon(position, normal, 0, false);
+        Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
+    };
+    (0..count).map(any).collect()
+}
+
 /// Relative errors of estimates on an open floor.
 pub fn rounding(gpu: &Gpu) -> Vec<f64> {
     let floor = [Rectangle(Vec3::new(-0.5, -0.5, -0.5), Vec3::new(0.0, 0.0, 1.0), Vec3::new(1.0, 0.0, 0.0))];
@@ -558,13 +568,7 @@ fn focused_light_is_kept_apart(gpu: &Gpu) {
     let rectangles = corner_and_cube();
     let bench = Bench::with(gpu, &rectangles, Some(Feature::CausticIrradiance));
     let mut random = Random(13);
-    let photons: Vec<Photon> = (0..5000)
-        .map(|_| {
-            let (position, normal) = somewhere(&rectangles, &mut random);
-            let photon = photon(position, normal, 0, false);
-            Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
-        })
-        .collect();
+    let photons = photons_of_any_flux(&rectangles, 5000, &mut random);
     // The oracle subtracts photons with bit 31.
     let unmarked = |p: &Photon| Photon { word: p.word & !(1 << 31), ..*p };
     let all: Vec<Photon> = photons.iter().map(unmarked).collect();
@@ -648,13 +652,7 @@ fn shown_points_are_those_of_brute_force(gpu: &Gpu) {
     const STEP: f32 = 1e-4;
     let rectangles = corner_and_cube();
     let mut random = Random(11);
-    let photons: Vec<Photon> = (0..5000)
-        .map(|_| {
-            let (position, normal) = somewhere(&rectangles, &mut random);
-            let photon = photon(position, normal, 0, false);
-            Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
-        })
-        .collect();
+    let photons = photons_of_any_flux(&rectangles, 5000, &mut random);
     let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
     for (entry, feature, shrink) in [("show", Feature::PhotonMap, 1.0), ("caustics", Feature::Caustics, 0.6f32)] {
         let bench = Bench::with(gpu, &rectangles, Some(feature));
