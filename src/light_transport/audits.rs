@@ -2,7 +2,7 @@
 
 use crate::passes::classify::AuditChances;
 use crate::settings::Settings;
-use crate::statistics::totals::{Decided, Totals};
+use crate::statistics::totals::{RecentAudits, Totals};
 
 /// The probability of audits over the root of the share of wrong classes. A mistake that an audit finds with
 /// probability q adds noise of R (1 / q - 1), with R the mean square of what it hides, over that of the image; the
@@ -10,10 +10,11 @@ use crate::statistics::totals::{Decided, Totals};
 /// the smallest for its time with q = sqrt(m R / V), where m is the share of mistakes. Roots of R / V were 16, 27 and
 /// 74 in the direct light of `scenes/crowd.glb`, `procedural.glb` and `door.glb`. This is nearer to the largest, as too
 /// many audits cost a few percent of the time, and too few may cost a multiple of it (docs/decisions.md).
-const CHANCE_OF_SHARE: f64 = 60.0;
+const CHANCE_OF_SHARE: f64 = 50.0;
 
-/// Audits without a mistake that are taken to have been there before the first: they begin with a probability of 1/4.
-const EARLIER_AUDITS: f64 = 28_800.0;
+/// Audits without a mistake that are taken to have been there before the first: all of the first points are audited, as
+/// most mistakes are in cells that have few photons yet.
+const EARLIER_AUDITS: f64 = 1250.0;
 
 /// The probabilities for the next samples, by the mistakes that audits have found so far; no smaller than those of the
 /// settings. Counts decide, so that renders are the same from run to run, and those of earlier samples alone, so that
@@ -24,13 +25,13 @@ pub(crate) fn chances(totals: &Totals, settings: &Settings) -> AuditChances {
     if !settings.learns_from_shadow_rays() {
         return minimum;
     }
-    let [near, away] = totals.decided_points();
+    let [near, away] = totals.recent_audits();
     AuditChances { away: minimum.away.max(chance(away)), near: minimum.near.max(chance(near)) }
 }
 
 /// By the mean share of mistakes after such audits; half a mistake more, as no scene is known to have none.
-fn chance(decided: Decided) -> f32 {
-    let share = (decided.wrong as f64 + 0.5) / (decided.audited as f64 + EARLIER_AUDITS);
+fn chance(audits: RecentAudits) -> f32 {
+    let share = (audits.wrong + 0.5) / (audits.audited + EARLIER_AUDITS);
     (CHANCE_OF_SHARE * share.sqrt()) as f32
 }
 
@@ -54,6 +55,9 @@ mod tests {
         totals.count(Counter::AuditsWrongNear, near.wrong);
         totals.count(Counter::Audited, near.audited + away.audited);
         totals.count(Counter::AuditsWrong, near.wrong + away.wrong);
+        totals.count(Counter::Near, near.audited);
+        totals.count(Counter::Lit, near.audited + away.audited);
+        totals.add_audits(&Totals::default().decided_points());
         let AuditChances { away, near } = chances(&totals, settings);
         [near, away]
     }
@@ -62,18 +66,18 @@ mod tests {
         Settings::default().with(|s| s.technique = Technique::SHADOW_PHOTONS)
     }
 
-    /// The rule at numbers where its root is round: a quarter at first, in inverse proportion to the root of the audits
+    /// The rule at numbers where its root is round: certain at first, in inverse proportion to the root of the audits
     /// without mistakes, and in proportion to the root of the mistakes.
     #[test]
     fn mistakes_raise_the_chance() {
         let settings = settings();
-        assert_eq!(of(NONE, NONE, &settings), [0.25; 2]);
-        let clean = Counts { audited: 4 * 28_800 - 28_800, wrong: 0 };
-        assert_eq!(of(clean, NONE, &settings), [0.25, 0.25]);
-        assert_eq!(of(NONE, clean, &settings), [0.25, 0.125]);
-        let wrong = Counts { audited: 4 * 28_800 - 28_800, wrong: 4 };
-        assert_eq!(of(wrong, clean, &settings), [0.375, 0.125]);
-        assert_eq!(of(NONE, wrong, &settings), [0.25, 0.375]);
+        assert_eq!(of(NONE, NONE, &settings), [1.0; 2]);
+        let clean = Counts { audited: 16 * 1250 - 1250, wrong: 0 };
+        assert_eq!(of(clean, NONE, &settings), [0.25, 1.0]);
+        assert_eq!(of(NONE, clean, &settings), [1.0, 0.25]);
+        let wrong = Counts { audited: 16 * 1250 - 1250, wrong: 4 };
+        assert_eq!(of(wrong, clean, &settings), [0.75, 0.25]);
+        assert_eq!(of(NONE, wrong, &settings), [1.0, 0.75]);
     }
 
     /// The setting is the minimum, and the only probability where samples do not learn.

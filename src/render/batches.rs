@@ -87,7 +87,7 @@ impl Renderer<'_> {
             blocks.add(batch, layers);
         }
         self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, points);
-        self.totals.estimate_wrong(&decided);
+        self.totals.add_audits(&decided);
         self.count_procedural_misses()?;
         self.totals.check()?;
         self.totals.time_render += begun.elapsed().as_secs_f64();

@@ -16,7 +16,7 @@ use crate::statistics::totals::Totals;
 use crate::{Error, Result};
 
 /// The first bytes of every file; the number rises when the format changes.
-const MAGIC: &[u8] = b"penumbra checkpoint 9\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 10\n";
 
 /// Bytes of the digest of everything after it.
 const DIGEST: usize = 32;

@@ -18,6 +18,13 @@ pub(crate) struct Decided {
     pub wrong: u64,
 }
 
+/// Audits and the mistakes that they found, those of later samples with more weight.
+#[derive(Clone, Copy, Default, Serialize, Deserialize)]
+pub(crate) struct RecentAudits {
+    pub audited: f64,
+    pub wrong: f64,
+}
+
 /// Sums over all samples so far.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Totals {
@@ -26,6 +33,8 @@ pub(crate) struct Totals {
     decided: [u64; 2],
     /// Estimated number of them that have a wrong class.
     wrong: [f64; 2],
+    /// Near boundaries, and away from them.
+    recent_audits: [RecentAudits; 2],
     camera_rays: u64,
     pub photons: Vec<LightPhotons>,
     pub photon_rays: u64,
@@ -184,14 +193,25 @@ impl Totals {
         [near, away]
     }
 
-    /// Estimates how many classes of a batch are wrong, from what the totals were `before` it: batches have different
-    /// probabilities of audits.
-    pub fn estimate_wrong(&mut self, before: &[Decided; 2]) {
+    /// Near boundaries, and away from them: the audits of a batch weigh in proportion to the decided points until its
+    /// end. Each mistake found divides its cell, so that mistakes become rare as samples become many.
+    pub fn recent_audits(&self) -> [RecentAudits; 2] {
+        self.recent_audits
+    }
+
+    /// Adds the audits of a batch, from what the totals were `before` it: batches have different probabilities of
+    /// audits.
+    pub fn add_audits(&mut self, before: &[Decided; 2]) {
         for (i, (now, before)) in self.decided_points().iter().zip(before).enumerate() {
             let (points, audited) = (now.points - before.points, now.audited - before.audited);
             if audited > 0 {
+                let wrong = (now.wrong - before.wrong) as f64;
                 self.decided[i] += points;
-                self.wrong[i] += (now.wrong - before.wrong) as f64 * points as f64 / audited as f64;
+                self.wrong[i] += wrong * points as f64 / audited as f64;
+                let weight = before.points as f64 / now.points as f64;
+                let recent = &mut self.recent_audits[i];
+                recent.audited = weight * recent.audited + audited as f64;
+                recent.wrong = weight * recent.wrong + wrong;
             }
         }
     }
@@ -200,6 +220,23 @@ impl Totals {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A hundred audits of the first thousand points, two of them wrong, and as many of the next three thousand, where
+    /// none is: the first then weigh a quarter. A batch without audits changes nothing.
+    #[test]
+    fn later_audits_weigh_more() {
+        let mut totals = Totals::default();
+        for [points, audited, wrong] in [[1000, 100, 2], [3000, 100, 0], [500, 0, 0]] {
+            let before = totals.decided_points();
+            totals.count(Counter::Lit, points);
+            totals.count(Counter::Audited, audited);
+            totals.count(Counter::AuditsWrong, wrong);
+            totals.add_audits(&before);
+        }
+        let [near, away] = totals.recent_audits();
+        assert_eq!([near.audited, near.wrong], [0.0; 2]);
+        assert_eq!([away.audited, away.wrong], [125.0, 0.5]);
+    }
 
     /// Two batches with different probabilities of audits: of 1,000 points with one audit in two, 10 of 500 audits are
     /// wrong, and of 9,000 with one in nine, 2 of 1,000. So 20 + 18 classes of 10,000 are wrong, 0.0038; audits taken
@@ -213,7 +250,7 @@ mod tests {
             totals.count(Counter::Shadowed, points - points / 4);
             totals.count(Counter::Audited, audited);
             totals.count(Counter::AuditsWrong, wrong);
-            totals.estimate_wrong(&before);
+            totals.add_audits(&before);
         }
         let audits = totals.audits();
         assert!((audits.miss_bias - 0.0038).abs() < 1e-12, "{}", audits.miss_bias);
