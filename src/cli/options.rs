@@ -652,7 +652,8 @@ struct VisibilityMapOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().shadow_rays.samples)]
     shadow_samples: u32,
 
-    /// Pixels by which boundaries are widened, 0 or 1 [default: 1 for lights with wide penumbrae, else 0]
+    /// Pixels by which boundaries are widened, 0 or 1 [default: 1 for lights with wide penumbrae, or where audits find
+    /// many mistakes near boundaries; else 0]
     #[arg(long, value_name = "PIXELS")]
     dilate: Option<u32>,
 

@@ -1,4 +1,4 @@
-//! How often decided points are audited.
+//! What keeps wrong classes from showing: audits of decided points, and wider boundaries.
 
 use crate::passes::classify::AuditChances;
 use crate::settings::Settings;
@@ -16,17 +16,31 @@ const CHANCE_OF_SHARE: f64 = 50.0;
 /// most mistakes are in cells that have few photons yet.
 const EARLIER_AUDITS: f64 = 1250.0;
 
-/// The probabilities for the next samples, by the mistakes that audits have found so far; no smaller than those of the
-/// settings. Counts decide, so that renders are the same from run to run, and those of earlier samples alone, so that
-/// the next ones are unbiased.
-pub(crate) fn chances(totals: &Totals, settings: &Settings) -> AuditChances {
-    let minimum = AuditChances::of(settings.visibility_map.audit);
-    // Nobody learns from audits there, or pieces are to have the same whatever they are.
-    if !settings.learns_from_shadow_rays() {
-        return minimum;
+/// What keeps wrong classes from showing in the next samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Precautions {
+    pub audits: AuditChances,
+    /// Boundaries are widened by a pixel, unless settings or lights say otherwise.
+    pub dilate: bool,
+}
+
+impl Precautions {
+    /// By the mistakes that audits have found so far; audits are no rarer than the settings say. Counts decide, so that
+    /// renders are the same from run to run, and those of earlier samples alone, so that the next ones are unbiased.
+    pub fn after(totals: &Totals, settings: &Settings) -> Precautions {
+        let minimum = AuditChances::of(settings.visibility_map.audit);
+        // Nobody learns from audits there, or pieces are to have the same whatever they are.
+        if !settings.learns_from_shadow_rays() {
+            return Precautions { audits: minimum, dilate: false };
+        }
+        let [near, away] = totals.recent_audits().map(chance);
+        let audits = AuditChances { away: minimum.away.max(away), near: minimum.near.max(near) };
+        // Where all decided points near boundaries would be audited, boundaries are too narrow. All audits count here:
+        // the mistakes that a wider boundary prevents are not found any more.
+        let [near, _] = totals.decided_points();
+        let share = RecentAudits { audited: near.audited as f64, wrong: near.wrong as f64 };
+        Precautions { audits, dilate: near.wrong > 0 && chance(share) >= 1.0 }
     }
-    let [near, away] = totals.recent_audits();
-    AuditChances { away: minimum.away.max(chance(away)), near: minimum.near.max(chance(near)) }
 }
 
 /// By the mean share of mistakes after such audits; half a mistake more, as no scene is known to have none.
@@ -49,7 +63,7 @@ mod tests {
         wrong: u64,
     }
 
-    fn of(near: Counts, away: Counts, settings: &Settings) -> [f32; 2] {
+    fn after(near: Counts, away: Counts, settings: &Settings) -> Precautions {
         let mut totals = Totals::default();
         totals.count(Counter::NearAudited, near.audited);
         totals.count(Counter::AuditsWrongNear, near.wrong);
@@ -58,7 +72,11 @@ mod tests {
         totals.count(Counter::Near, near.audited);
         totals.count(Counter::Lit, near.audited + away.audited);
         totals.add_audits(&Totals::default().decided_points());
-        let AuditChances { away, near } = chances(&totals, settings);
+        Precautions::after(&totals, settings)
+    }
+
+    fn of(near: Counts, away: Counts, settings: &Settings) -> [f32; 2] {
+        let AuditChances { away, near } = after(near, away, settings).audits;
         [near, away]
     }
 
@@ -78,6 +96,20 @@ mod tests {
         let wrong = Counts { audited: 16 * 1250 - 1250, wrong: 4 };
         assert_eq!(of(wrong, clean, &settings), [0.75, 0.25]);
         assert_eq!(of(NONE, wrong, &settings), [1.0, 0.75]);
+    }
+
+    /// Boundaries are widened from the share of mistakes on, near boundaries, that makes audits there certain: one in
+    /// 2,500. Mistakes away from boundaries widen none, nor does a share that nobody has seen yet.
+    #[test]
+    fn frequent_mistakes_widen_boundaries() {
+        let widened = |near, away| after(near, away, &settings()).dilate;
+        let of = |audited, wrong| Counts { audited, wrong };
+        assert!(widened(of(48_750, 20), NONE));
+        assert!(!widened(of(50_100, 20), NONE));
+        assert!(!widened(NONE, of(48_750, 20)));
+        assert!(!widened(NONE, NONE));
+        let alone = settings().with(|s| s.visibility_map.fine_cells = false);
+        assert!(!after(of(48_750, 20), NONE, &alone).dilate);
     }
 
     /// The setting is the minimum, and the only probability where samples do not learn.

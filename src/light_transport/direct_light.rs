@@ -4,6 +4,7 @@
 
 use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 
+use super::audits::Precautions;
 use super::fine_cells::FineCellMap;
 use super::light_sampler::LightSampler;
 use super::shared::{Shared, TILE_POINTS};
@@ -31,9 +32,8 @@ const CHUNK_WORDS: u32 = 1 << 24;
 /// without an error, after 65,535 of them. Ten thousand lights in one chunk lost half of their light.
 const SHADE_ITERATIONS: u32 = 32_768;
 
-/// Lights wider than this share of the scene's radius get dilation: faint parts of their wide penumbrae would be missed
-/// without it. The boundaries of narrower lights are too wide already. (The lights of the paper's two scenes: 0.33 and
-/// 0.02.)
+/// Lights wider than this share of the scene's radius get dilation from the start: faint parts of their wide penumbrae
+/// would be missed without it. (The lights of the paper's two scenes: 0.33 and 0.02.)
 const WIDE_LIGHT: f32 = 0.05;
 
 /// Maximum number of points of a tile. Adaptive shadow testing holds all lights of a point at once, and counts per
@@ -93,6 +93,8 @@ pub(crate) struct DirectLight {
     sizes: Sizes,
     /// Pixels by which boundaries are widened.
     dilate: u32,
+    /// As [`DirectLight::dilate`], where it does not depend on mistakes.
+    fixed_dilation: Option<u32>,
     /// How often lit and shadowed points are audited in the current batch; never without kernels for it.
     audits: AuditChances,
     /// Photons that audits can add to the map.
@@ -164,15 +166,17 @@ impl DirectLight {
         };
         let wide = gpu_scene.lights.lights.iter().any(|light| !light.punctual && light.radius > WIDE_LIGHT);
         let map = guides.visibility_map;
+        let fixed_dilation = match (map, settings.image.piece) {
+            (Some(_), None) => settings.visibility_map.dilate.or(wide.then_some(1)),
+            // The pixels next to a boundary may be those of another piece.
+            _ => Some(0),
+        };
         let mut direct = DirectLight {
             bound: None,
             buffers,
             sizes,
-            // The pixels next to a boundary may be those of another piece.
-            dilate: match (map, settings.image.piece) {
-                (Some(_), None) => settings.visibility_map.dilate.unwrap_or(u32::from(wide)),
-                _ => 0,
-            },
+            dilate: fixed_dilation.unwrap_or(0),
+            fixed_dilation,
             audits: AuditChances::default(),
             repair_capacity: map.map_or(0, VisibilityMap::repair_capacity),
             kernels,
@@ -244,10 +248,11 @@ impl DirectLight {
         self.bound.as_ref().expect("a map that could not be sorted ends the batch before")
     }
 
-    /// Audits lit and shadowed points so often from now on, where the kernels audit at all. Each batch needs it.
-    pub fn set_audits(&mut self, audits: AuditChances) {
+    /// Guards classes like that from now on, where the kernels audit at all. Each batch needs it.
+    pub fn set_precautions(&mut self, precautions: Precautions) {
         if self.kernels.audits {
-            self.audits = audits;
+            self.audits = precautions.audits;
+            self.dilate = self.fixed_dilation.unwrap_or(u32::from(precautions.dilate));
         }
     }
 

@@ -3,6 +3,7 @@
 use kernel_kit::Gpu;
 
 use super::adaptive_testing::AdaptiveTesting;
+use super::audits::Precautions;
 use super::caustic_map::CausticMap;
 use super::cell_visibility::CellVisibility;
 use super::direct_light::{DirectLight, DirectLightKernels, Guides};
@@ -12,7 +13,7 @@ use super::light_sampler::LightSampler;
 use super::shared::Shared;
 use super::visibility_map::{MapState, VisibilityMap};
 use crate::Result;
-use crate::passes::classify::{AuditChances, BoundShowCells};
+use crate::passes::classify::BoundShowCells;
 use crate::passes::light_buffer::BoundLightBuffer;
 use crate::settings::Settings;
 use crate::specialisation::features::Features;
@@ -91,10 +92,10 @@ impl Lighting {
         self.direct.as_ref().map_or(Ok(None), bind)
     }
 
-    /// See [`DirectLight::set_audits`].
-    pub fn set_audits(&mut self, audits: AuditChances) {
+    /// See [`DirectLight::set_precautions`].
+    pub fn set_precautions(&mut self, precautions: Precautions) {
         if let Some(direct) = &mut self.direct {
-            direct.set_audits(audits);
+            direct.set_precautions(precautions);
         }
     }
 

@@ -7,7 +7,7 @@ use super::denoise::Denoiser;
 use super::renderer::Renderer;
 use super::tiles::TileFilm;
 use crate::Result;
-use crate::light_transport::audits::chances;
+use crate::light_transport::audits::Precautions;
 use crate::light_transport::second_pass::SecondPass;
 use crate::light_transport::shared::{Shared, TILE_SAMPLES};
 use crate::settings::SampleRange;
@@ -72,7 +72,7 @@ impl Renderer<'_> {
         if let Some(sums) = &mut self.piece_sums {
             sums.begin(SampleRange { first: first_sample, end: first_sample + layers });
         }
-        self.lighting.set_audits(chances(&self.totals, &self.settings));
+        self.lighting.set_precautions(Precautions::after(&self.totals, &self.settings));
         let (samples, counted, sampled) = (self.samples, self.totals.points(), self.totals.get(Counter::Sampled));
         let decided = self.totals.decided_points();
         let mut points = 0;
