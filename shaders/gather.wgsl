@@ -7,13 +7,14 @@
 // Out: `record_heads` and `record_values`; see lib/record. Lengths are in scene units after normalisation.
 
 import package::lib::bsdf::reflects_more;
+@if(glossy) import package::lib::bsdf::blurred_surface;
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{no_ray, trace_closest_together};
 import package::lib::camera::pixel_size;
 import package::kit::{dispatch_groups, group_index};
 import package::lib::light::BEYOND_SCENE;
 import package::lib::math::{PI, basis, circle_point, is_finite3, luminance, oct_decode16};
-import package::lib::path_tracing::{PathStart, PathVertex, known_light, spread_along, trace_path};
+import package::lib::path_tracing::{PathStart, PathVertex, known_light, spread_along, spread_of, trace_path};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
 import package::lib::visible_point::{load_point, load_surface};
 import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, offset_origin};
@@ -204,6 +205,7 @@ fn follow(
         found = surface_at(Hit(words.x, words.y, words.z, bitcast<u32>(words.w)), gathering.ray);
         vertex.position = found.position;
         vertex.surface = found.surface;
+        @if(glossy) { vertex.surface = blurred_surface(found.surface, spread_of(gathering.pdf)); }
         vertex.sample_index = gathering.number;
         @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
     }
@@ -211,6 +213,7 @@ fn follow(
     start.there = there;
     start.bounce = 1u;
     start.spread = spread_along(gathering.pdf, words.x);
+    @if(glossy) { start.widest = spread_of(gathering.pdf); }
     @if(caustics) { start.caustic_known = there && (follow_rays[i] & FOLLOW_CAUSTIC_KNOWN) != 0u; }
     var radiance = trace_path(vertex, start, gathering.seed, gather_pass.max_bounces, 0u, lane).indirect;
     if !there { return; }

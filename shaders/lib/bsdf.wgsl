@@ -257,6 +257,24 @@ fn focuses(s: Surface) -> bool {
     return focusing;
 }
 
+// Minimum alpha of a dielectric layer that is met by a ray of a diffuse surface. A layer shows a light without a size
+// as bright as 1 / alpha^2: a smooth pane in scenes/still_life.glb made a record a thousand times too bright.
+const MIN_INDIRECT_ALPHA = 0.3;
+
+// The surface as rays in a cone of directions see it; `spread` is 1 for those of a Lambertian surface, and less for a
+// narrower cone. Its dielectric layers are as rough as the cone is wide (Kaplanyan and Dachsbacher 2013, path space
+// regularisation). What reflects or refracts more stays as it is: the caustic map has its light.
+@if(global_map && glossy)
+fn blurred_surface(s: Surface, spread: f32) -> Surface {
+    var seen = s;
+    if !reflects_more(s) {
+        let alpha = MIN_INDIRECT_ALPHA * spread;
+        seen.specular.alpha = max(s.specular.alpha, alpha);
+        @each(glossy_layer) { seen.NAME.alpha = max(s.NAME.alpha, alpha); }
+    }
+    return seen;
+}
+
 // The ratio of reflected radiance to the irradiance of the geometric surface, where a path ends. A dielectric layer
 // counts with its mean reflectance, spread as the base's light is: traced paths would find its highlights of small
 // lights with few rays, each as bright as the light. A bent shading normal receives only part of the light.

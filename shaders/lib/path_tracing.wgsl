@@ -22,6 +22,7 @@ import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, le
 @if(global_map) import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
 @if(caustic_irradiance) import package::lib::bsdf::bsdf_diffuse;
 @if(caustics) import package::lib::bsdf::focuses;
+@if(global_map && glossy) import package::lib::bsdf::blurred_surface;
 import package::lib::bvh::{traversal_iterations, traversal_overrun};
 @if(global_map) import package::lib::irradiance::irradiance_near;
 @if(caustic_irradiance) import package::lib::irradiance::load_caustic_irradiance;
@@ -96,6 +97,8 @@ struct PathStart {
     bounce: u32,
     // Radius of the path's footprint there: that of the cone of directions that it samples.
     spread: f32,
+    // That cone, as `spread_of` has it; 0 for a ray of the camera.
+    @if(global_map && glossy) widest: f32,
     // Whether the diffuse part of the vertex has its light from focusing surfaces already.
     @if(caustics) caustic_known: bool,
 }
@@ -114,6 +117,8 @@ struct Path {
     light_samples: u32,
     // Radius of the path's footprint at the vertex: that of the cone of directions that it samples.
     @if(global_map) spread: f32,
+    // The widest cone of directions that the path has sampled, as `spread_of` has it.
+    @if(global_map && glossy) widest: f32,
     // Position and normal at which photons of the vertex are stored.
     @if(global_map) photon_position: vec3f,
     @if(global_map) photon_normal: vec3f,
@@ -134,6 +139,7 @@ fn begin_path(first: PathVertex, start: PathStart, light_samples: u32) -> Path {
     path.light_samples = light_samples;
     @if(global_map) {
         path.spread = start.spread;
+        @if(glossy) { path.widest = start.widest; }
         path.photon_position = first.position;
         path.photon_normal = first.surface.geometric_normal;
     }
@@ -311,6 +317,10 @@ fn extend_path(path: ptr<function, Path>, scattered: BsdfSample, ray: Ray, hit: 
     }
     (*path).vertex.position = found.position;
     (*path).vertex.surface = found.surface;
+    @if(global_map && glossy) {
+        (*path).widest = max((*path).widest, spread_of(scattered.pdf));
+        (*path).vertex.surface = blurred_surface(found.surface, (*path).widest);
+    }
     @if(global_map) {
         (*path).photon_position = found.triangle_position;
         (*path).photon_normal = found.triangle_normal;
@@ -366,7 +376,13 @@ fn add_known_light(path: ptr<function, Path>) -> bool {
 // a ray of a Lambertian surface, so that look-ups in corners, too, happen only at some distance.
 @if(global_map)
 fn spread_along(pdf: f32, distance: f32) -> f32 {
-    return distance * min(inverseSqrt(PI * pdf), 1.0);
+    return distance * spread_of(pdf);
+}
+
+// The same for a distance of 1.
+@if(global_map)
+fn spread_of(pdf: f32) -> f32 {
+    return min(inverseSqrt(PI * pdf), 1.0);
 }
 
 // The weight of the emission of a surface that the scattered ray hit: throughput and multiple importance sampling.

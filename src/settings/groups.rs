@@ -173,8 +173,8 @@ pub struct VisibilityMapSettings {
     pub nearest: u32,
     /// Maximum number of shadow photons stored along one photon ray, 1 to [`Settings::MAX_SHADOW_PHOTONS`].
     pub shadow_photons_per_ray: u32,
-    /// Pixels by which boundaries are widened, 0 or 1. `None`: 1 for lights with wide penumbrae; for small ones 0, and 1
-    /// where audits find many mistakes near boundaries.
+    /// Pixels by which boundaries are widened, 0 or 1. `None`: 1 for lights with wide penumbrae, and where audits find
+    /// many mistakes near boundaries, else 0.
     pub dilate: Option<u32>,
     /// Minimum probability that a lit or shadowed point is audited by a shadow ray, 0 to 1. It is larger near
     /// boundaries, and, where fine cells learn from samples, after audits that contradicted a class. 0 is the paper's

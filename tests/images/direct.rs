@@ -18,9 +18,9 @@ fn small(technique: Technique, spp: u32) -> Settings {
     })
 }
 
-/// With audits, photons change the noise of an image but not its mean. In both scenes of the paper, in one where photons
-/// are sparse, and in one where boundaries become wider as audits find mistakes, the means of `shadow-photons` and `two-pass` agree within three standard errors. A light that is
-/// 1 % brighter is detected.
+/// With audits, photons change the noise of an image but not its mean. In both scenes of the paper, in one where
+/// photons are sparse, and in one where boundaries become wider as audits find mistakes, the means of `shadow-photons`
+/// and `two-pass` agree within three standard errors. A light that is 1 % brighter is detected.
 #[test]
 fn photons_do_not_bias_the_image() {
     for scene in ["box.glb", "sphere.glb", "crowd.glb", "door.glb"] {

@@ -254,6 +254,40 @@ fn a_mirror_shows_light_that_came_through_glass() {
     assert!(mean > 0.8 * expected && mean < 1.1 * expected, "{mean}, expected {expected}");
 }
 
+/// A lamp without a size beside a smooth wall: by chance a ray from the floor meets the lamp's highlight in the wall,
+/// thousands of times as bright as the rest. To rays of diffuse surfaces a dielectric layer is as rough as an alpha of
+/// 0.3 makes it, so the floor has no bright pixels, but also less than the light that the wall reflects to it. Paths
+/// have both.
+#[test]
+fn smooth_layers_make_no_bright_records() {
+    let lamp = LightKind::Point { position: Vec3::new(0.3, 0.3, 0.2), intensity: Vec3::ONE, range: f32::INFINITY };
+    let floor = square(DVec3::Y * -0.5, DVec3::X * 0.5, DVec3::NEG_Z * 0.5);
+    let wall = square(DVec3::new(0.0, -0.45, 0.0), DVec3::Y * 0.05, DVec3::Z * 0.05);
+    // The wall is not in view, and so small that none of its irradiance points is valid here.
+    let view = camera(DVec3::new(0.05, -0.3, 0.0), DVec3::NEG_Y, 0.45);
+    let base_colour = Vec3::splat(0.3).extend(1.0);
+    let layered = Material { roughness: 0.1, metallic: 0.0, base_colour, ..Material::default() };
+    let of = |technique, spp| {
+        let meshes = [(floor.clone(), surface(0.7, 0.0)), (wall.clone(), layered.clone())];
+        let found = |max_bounces| {
+            render_scene(scene(&meshes, vec![lamp.clone()]), &view, &settings(technique, [64, 64], spp, max_bounces)).0
+        };
+        let (all, direct) = (found(2), found(0));
+        let indirect =
+            all.channel("G").unwrap().iter().zip(direct.channel("G").unwrap()).map(|(all, direct)| all - direct);
+        let brightest = f64::from(indirect.fold(0.0, f32::max));
+        let [(all, _), (direct, _)] = [all, direct].map(|image| mean_and_error(&image, "G"));
+        println!("{technique}, {spp}: {}, brightest {brightest}", all - direct);
+        (all - direct, brightest)
+    };
+    for samples in [1, 4] {
+        let (mean, brightest) = of(Technique::TWO_PASS, samples);
+        assert!(brightest < 8.0 * mean, "{samples} samples: {brightest} beside {mean}");
+        let (mean, brightest) = of(Technique::PATH, samples);
+        assert!(brightest > 8.0 * mean, "{samples} samples: the test is not sensitive: {brightest} beside {mean}");
+    }
+}
+
 /// The box with all bounces matches an independent renderer: the mean within 0.3 % plus three standard errors.
 #[test]
 fn the_box_matches_an_independent_renderer() {
