@@ -225,9 +225,12 @@ fn checkpoints_of_something_else_are_refused() {
     let mut samples = good.clone();
     samples[at(&good, "\"samples\":")] = b'9';
     // A forged file with a valid digest: more samples than the render has.
+    // The first line tells the version. The digest of all that follows comes next, then the header's length.
+    let digest_at = at(&good, "\n");
+    let rest_at = digest_at + 32;
     let whole = |mut bytes: Vec<u8>| {
-        let digest = penumbra::internal::fingerprint::digest(&bytes[54..]);
-        bytes[22..54].copy_from_slice(digest.as_bytes());
+        let digest = penumbra::internal::fingerprint::digest(&bytes[rest_at..]);
+        bytes[digest_at..rest_at].copy_from_slice(digest.as_bytes());
         bytes
     };
     let cases = [
@@ -257,7 +260,8 @@ fn checkpoints_of_something_else_are_refused() {
     let mut invalid = fs::read(&state).unwrap();
     let counts = ["\"added\":", "\"left\":"].map(|word| invalid[at(&invalid, word)]);
     assert!(counts.iter().any(|digit| *digit > b'0'), "audits left nothing");
-    let header = 62 + u64::from_le_bytes(invalid[54..62].try_into().unwrap()) as usize;
+    let header_at = rest_at + 8;
+    let header = header_at + u64::from_le_bytes(invalid[rest_at..header_at].try_into().unwrap()) as usize;
     invalid[header..].fill(0xff);
     fs::write(&state, whole(invalid)).unwrap();
     audited("--resume").assert_refused(3, &["state", "damaged"]);
