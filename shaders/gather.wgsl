@@ -7,7 +7,6 @@
 // Out: `record_heads` and `record_values`; see lib/record. Lengths are in scene units after normalisation.
 
 import package::lib::bsdf::reflects_more;
-@if(glossy) import package::lib::bsdf::blurred_surface;
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{no_ray, trace_closest_together};
 import package::lib::camera::pixel_size;
@@ -205,7 +204,6 @@ fn follow(
         found = surface_at(Hit(words.x, words.y, words.z, bitcast<u32>(words.w)), gathering.ray);
         vertex.position = found.position;
         vertex.surface = found.surface;
-        @if(glossy) { vertex.surface = blurred_surface(found.surface, spread_of(gathering.pdf)); }
         vertex.sample_index = gathering.number;
         @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
     }

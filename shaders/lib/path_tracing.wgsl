@@ -139,7 +139,10 @@ fn begin_path(first: PathVertex, start: PathStart, light_samples: u32) -> Path {
     path.light_samples = light_samples;
     @if(global_map) {
         path.spread = start.spread;
-        @if(glossy) { path.widest = start.widest; }
+        @if(glossy) {
+            path.widest = start.widest;
+            path.vertex.surface = blurred_surface(first.surface, start.widest);
+        }
         path.photon_position = first.position;
         path.photon_normal = first.surface.geometric_normal;
     }

@@ -2,7 +2,7 @@
 
 use crate::passes::classify::AuditChances;
 use crate::settings::Settings;
-use crate::statistics::totals::{RecentAudits, Totals};
+use crate::statistics::totals::Totals;
 
 /// The probability of audits over the root of the share of wrong classes. A mistake that an audit finds with
 /// probability q adds noise of R (1 / q - 1), with R the mean square of what it hides, over that of the image; the
@@ -17,7 +17,7 @@ const CHANCE_OF_SHARE: f64 = 50.0;
 const EARLIER_AUDITS: f64 = 1250.0;
 
 /// What keeps wrong classes from showing in the next samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Precautions {
     pub audits: AuditChances,
     /// Boundaries are widened by a pixel, unless settings or lights say otherwise.
@@ -33,19 +33,19 @@ impl Precautions {
         if !settings.learns_from_shadow_rays() {
             return Precautions { audits: minimum, dilate: false };
         }
-        let [near, away] = totals.recent_audits().map(chance);
+        let [near, away] = totals.recent_audits().map(|recent| chance(recent.audited, recent.wrong));
         let audits = AuditChances { away: minimum.away.max(away), near: minimum.near.max(near) };
         // Where all decided points near boundaries would be audited, boundaries are too narrow. All audits count here:
         // the mistakes that a wider boundary prevents are not found any more.
         let [near, _] = totals.decided_points();
-        let share = RecentAudits { audited: near.audited as f64, wrong: near.wrong as f64 };
-        Precautions { audits, dilate: near.wrong > 0 && chance(share) >= 1.0 }
+        let certain = chance(near.audited as f64, near.wrong as f64) >= 1.0;
+        Precautions { audits, dilate: near.wrong > 0 && certain }
     }
 }
 
 /// By the mean share of mistakes after such audits; half a mistake more, as no scene is known to have none.
-fn chance(audits: RecentAudits) -> f32 {
-    let share = (audits.wrong + 0.5) / (audits.audited + EARLIER_AUDITS);
+fn chance(audited: f64, wrong: f64) -> f32 {
+    let share = (wrong + 0.5) / (audited + EARLIER_AUDITS);
     (CHANCE_OF_SHARE * share.sqrt()) as f32
 }
 

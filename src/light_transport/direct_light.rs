@@ -12,9 +12,7 @@ use super::visibility_map::VisibilityMap;
 use crate::Result;
 use crate::kernels::Queue;
 use crate::passes::Tile;
-use crate::passes::classify::{
-    AuditChances, BoundClassify, BoundShowCells, Chunk, Classify, ClassifyBuffers, ShowCells,
-};
+use crate::passes::classify::{BoundClassify, BoundShowCells, Chunk, Classify, ClassifyBuffers, ShowCells};
 use crate::passes::film::{Film, Inputs, Plane};
 use crate::passes::sample_lights::SampledLightBindings;
 use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
@@ -91,12 +89,10 @@ pub(crate) struct DirectLight {
     /// None while the map is being sorted again.
     bound: Option<Bound>,
     sizes: Sizes,
-    /// Pixels by which boundaries are widened.
-    dilate: u32,
-    /// As [`DirectLight::dilate`], where it does not depend on mistakes.
+    /// Pixels by which boundaries are widened; where it is none, mistakes decide.
     fixed_dilation: Option<u32>,
-    /// How often lit and shadowed points are audited in the current batch; never without kernels for it.
-    audits: AuditChances,
+    /// Those of the current batch; none without kernels for audits.
+    precautions: Precautions,
     /// Photons that audits can add to the map.
     repair_capacity: u32,
 }
@@ -175,9 +171,8 @@ impl DirectLight {
             bound: None,
             buffers,
             sizes,
-            dilate: fixed_dilation.unwrap_or(0),
             fixed_dilation,
-            audits: AuditChances::default(),
+            precautions: Precautions::default(),
             repair_capacity: map.map_or(0, VisibilityMap::repair_capacity),
             kernels,
         };
@@ -251,15 +246,15 @@ impl DirectLight {
     /// Guards classes like that from now on, where the kernels audit at all. Each batch needs it.
     pub fn set_precautions(&mut self, precautions: Precautions) {
         if self.kernels.audits {
-            self.audits = precautions.audits;
-            self.dilate = self.fixed_dilation.unwrap_or(u32::from(precautions.dilate));
+            self.precautions = precautions;
         }
     }
 
     /// The lights, some at a time.
     pub fn chunks(&self) -> impl Iterator<Item = Chunk> + use<> {
         let Sizes { lights, lights_in_chunk, .. } = self.sizes;
-        let (dilate, audits) = (self.dilate, self.audits);
+        let Precautions { audits, dilate } = self.precautions;
+        let dilate = self.fixed_dilation.unwrap_or(u32::from(dilate));
         (0..lights).step_by(lights_in_chunk as usize).map(move |first_light| Chunk {
             first_light,
             lights: lights_in_chunk.min(lights - first_light),
