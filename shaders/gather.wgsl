@@ -48,7 +48,9 @@ struct RecordOrigin {
     normal: u32,
     // Mean of 1 over the distances of the rays so far.
     inverse_distance: f32,
-    padding: vec2u,
+    // Variance of the irradiance by the rays so far, the sum of the channels.
+    variance: f32,
+    padding: u32,
 }
 
 var<immediate> gather_pass: GatherParameters;
@@ -100,7 +102,7 @@ fn place(
     let visible = load_point(wanted[i]);
     let normal = bitcast<u32>(load_surface(wanted[i]).packed.base.w);
     record_origins[gather_pass.first_record + i] =
-        RecordOrigin(visible.position, visible.normal, normal, 0.0, vec2u(0u));
+        RecordOrigin(visible.position, visible.normal, normal, 0.0, 0.0, 0u);
 }
 
 // The point of the unit square for a stratum: its first coordinate lies in the ring, its second in the sector. All
@@ -226,6 +228,8 @@ fn follow(
 struct RecordSums {
     radiance: vec3f,
     inverse_distances: f32,
+    // Of the differences of rays of neighbouring strata, squared.
+    squares: f32,
     // The translational gradient, by channel.
     translation: mat3x3f,
     // The rotational gradient, by channel, over the weight of a stratum.
@@ -261,11 +265,15 @@ fn add_sector(sums: ptr<function, RecordSums>, base: u32, k: u32, frame: mat3x3f
         let distance = max(ray.w, min_distance);
         let next_sine = sqrt(f32(j + 1u) / f32(rings));
         if j > 0u {
+            let difference = ray.xyz - below.xyz;
             let nearer = min(distance, max(below.w, min_distance));
-            along += (ray.xyz - below.xyz) * (sine * (1.0 - sine * sine) / nearer);
+            along += difference * (sine * (1.0 - sine * sine) / nearer);
+            (*sums).squares += dot(difference, difference);
         }
+        let difference = ray.xyz - neighbour.xyz;
         let nearer = min(distance, max(neighbour.w, min_distance));
-        beyond += (ray.xyz - neighbour.xyz) * ((next_sine - sine) / nearer);
+        beyond += difference * ((next_sine - sine) / nearer);
+        (*sums).squares += dot(difference, difference);
         @if(smooth_normals || normal_maps) {
             let middle = (f32(j) + 0.5) / f32(rings);
             // Tilting the normal towards a ray increases the irradiance in proportion to the tangent of the ray's polar
@@ -309,10 +317,17 @@ fn record(
     var translation = sums.translation;
     @if(smooth_normals || normal_maps) var rotation = sums.rotation * weight;
     var inverse_distance = sums.inverse_distances / f32(rays);
+    // Half of the mean squared difference of neighbours is the variance of a ray within its stratum, or more: all have
+    // one in the next sector, and all but those of the first ring one in the ring below. What a later wave differs by
+    // from those before tells better, as neighbouring strata differ by more than noise.
+    let pairs = f32(2u * rays - gather_pass.sectors);
+    var variance = 0.5 * sums.squares / pairs * weight * weight * f32(rays);
     if gather_pass.earlier_rays > 0u {
         inverse_distance = mix(origin.inverse_distance, inverse_distance, share);
+        variance = 0.0;
         for (var c = 0u; c < 3u; c++) {
             let earlier = record_values[values + c];
+            variance += share * (1.0 - share) * (irradiance[c] - earlier.w) * (irradiance[c] - earlier.w);
             irradiance[c] = mix(earlier.w, irradiance[c], share);
             translation[c] = mix(earlier.xyz, translation[c], share);
             @if(smooth_normals || normal_maps) {
@@ -321,6 +336,7 @@ fn record(
         }
     }
     record_origins[id].inverse_distance = inverse_distance;
+    record_origins[id].variance = variance;
     // The record is not valid beyond the distance at which its gradient brings the irradiance to 0.
     let slope = translation * vec3f(0.2126, 0.7152, 0.0722);
     var spacing = 1.0 / inverse_distance;

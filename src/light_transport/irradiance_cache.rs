@@ -1,13 +1,14 @@
 //! The irradiance cache: irradiance records, placed where the view needs them, from coarse to fine, before the first
 //! sample. All samples share them. As samples are added, so are gather rays to each record.
 
-use std::collections::HashMap;
 use std::mem;
 
 use glam::Vec3;
-use kernel_kit::{Bindings, Frame, Gpu};
+use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 use rayon::prelude::*;
 
+use super::irradiance_filter::NoisyRecords;
+use super::record_grid::{RecordGrid, weight};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::kernels::MIN_RADIUS_PIXELS;
@@ -33,10 +34,6 @@ const MAX_RADIUS_PIXELS: f32 = 20.0;
 
 /// A place where the weights of records have a smaller sum needs one of its own, as in `shaders/cache.wgsl`.
 const MIN_WEIGHT: f32 = 0.3;
-
-/// Weights of offsets and of normals, as in `shaders/lib/record.wgsl`.
-const OFF_PLANE: f32 = 99.0;
-const PER_NORMAL: f32 = 1.0 / 0.347_296_36;
 
 pub(crate) struct CacheKernels {
     gather: Gather,
@@ -167,16 +164,21 @@ impl Records {
         spacings: &[u32],
         totals: &mut Totals,
     ) -> Result<BoundCache> {
-        let mut bound = self.bind(with, buffers)?;
+        let mut bound = None;
         for spacing in spacings {
-            if self.fill_at(with, buffers, &bound, *spacing, totals)? {
-                bound = self.bind(with, buffers)?;
+            let records = match bound.take() {
+                Some(records) => records,
+                None => self.bind(with, buffers, &self.buffers.values)?,
+            };
+            if !self.fill_at(with, buffers, &records, *spacing, totals)? {
+                bound = Some(records);
             }
         }
         totals.indirect.records = self.heads.len() as u64;
         totals.min_radius_records = self.smallest(with.settings.indirect.irradiance_cache.accuracy);
-        totals.indirect_bytes += self.buffers.bytes();
-        Ok(bound)
+        let values = self.filtered_values(with)?;
+        totals.indirect_bytes += self.buffers.bytes() + values.bytes;
+        self.bind(with, buffers, &values)
     }
 
     /// Adds records where the points of an image of one pixel for `spacing` have too few. Returns whether it added any.
@@ -283,10 +285,22 @@ impl Records {
         Ok(())
     }
 
-    /// Binds the pass to tables of all records, with radii that respect the distances of their neighbours.
-    fn bind(&self, with: &Filling<'_>, buffers: &CacheBuffers) -> Result<BoundCache> {
+    /// Irradiance and gradients for the points of the view. More rays add to those that are not filtered.
+    fn filtered_values(&self, with: &Filling<'_>) -> Result<Buffer> {
+        let count = self.heads.len();
+        let radii: Vec<f32> = self.with_radii(with).iter().map(|head| head.size).collect();
+        let (variances, values) = self.buffers.read(with.gpu, count)?;
+        let noisy = NoisyRecords { heads: &self.heads, radii: &radii, variances: &variances, values: &values };
+        let filtered = self.buffers.values_like(with.gpu)?;
+        with.gpu.write(&filtered, &noisy.filtered());
+        Ok(filtered)
+    }
+
+    /// Binds the pass to tables of all records with these values, and with radii that respect the distances of their
+    /// neighbours.
+    fn bind(&self, with: &Filling<'_>, buffers: &CacheBuffers, values: &Buffer) -> Result<BoundCache> {
         let Filling { gpu, camera, .. } = *with;
-        let (heads, values) = (self.with_radii(with), &self.buffers.values);
+        let heads = self.with_radii(with);
         let size = [with.settings.image.width, with.settings.image.height];
         let records = ViewRecords::new(gpu, &heads, values, size, |head| seen_part(camera, head))?;
         with.kernels.cache.bind(gpu, with.tile, buffers, &records, with.scene)
@@ -311,11 +325,13 @@ fn radius(distance: f32, pixel: f32, accuracy: f32) -> f32 {
 /// Distances of the records such that none exceeds a neighbour's distance plus the distance to that neighbour
 /// (neighbour clamping, Krivanek et al. 2006): one record may have hit a surface that another missed between its rays.
 fn neighbour_distances(heads: &[RecordHead], accuracy: f32) -> Vec<f32> {
-    let grid = RecordGrid::new(heads, accuracy);
+    let reach = |head: &RecordHead| radius(head.distance, head.size, accuracy);
+    let grid = RecordGrid::new(heads, |i| reach(&heads[i]));
     let nearest = |head: &RecordHead| {
-        let (here, reach) = (Vec3::from(head.position), radius(head.distance, head.size, accuracy));
+        let (here, reach) = (Vec3::from(head.position), reach(head));
         let mut distance = head.distance;
-        grid.each_near(here, reach, |other| {
+        grid.each_near(here, reach, |i| {
+            let other = &heads[i];
             let way = here.distance(Vec3::from(other.position));
             // The record itself changes nothing.
             if way < reach {
@@ -343,61 +359,6 @@ fn uncovered(heads: &[RecordHead], camera: &CameraUniform, image: &ImageSettings
         }
     }
     kept
-}
-
-/// The weight of a record at the place of another one; see `interpolate_records` in `shaders/lib/record.wgsl`.
-fn weight(of: &RecordHead, at: &RecordHead) -> f32 {
-    let (normal, other) = (Vec3::from(of.normal), Vec3::from(at.normal));
-    let offset = Vec3::from(at.position) - Vec3::from(of.position);
-    let off_plane = offset.dot(0.5 * (normal + other));
-    let distance = (offset.length_squared() + OFF_PLANE * off_plane * off_plane).sqrt() / of.size;
-    let normal_distance = normal.distance(other) * PER_NORMAL;
-    (1.0 - distance.max(normal_distance)).max(0.0)
-}
-
-/// Records by the cell of a grid that they are in.
-struct RecordGrid<'a> {
-    heads: &'a [RecordHead],
-    /// Side of a cell.
-    side: f32,
-    cells: HashMap<[i32; 3], Vec<u32>>,
-}
-
-impl RecordGrid<'_> {
-    /// Cells as large as the mean record, so that most reach into few of them.
-    fn new(heads: &[RecordHead], accuracy: f32) -> RecordGrid<'_> {
-        let sum: f64 = heads.iter().map(|head| f64::from(radius(head.distance, head.size, accuracy))).sum();
-        let side = (2.0 * sum / heads.len().max(1) as f64) as f32;
-        let mut grid = RecordGrid { heads, side: side.max(f32::MIN_POSITIVE), cells: HashMap::new() };
-        for (index, head) in (0..).zip(heads) {
-            grid.cells.entry(grid.cell(Vec3::from(head.position))).or_default().push(index);
-        }
-        grid
-    }
-
-    /// The cell of a position. Positions far away share the last cells.
-    fn cell(&self, position: Vec3) -> [i32; 3] {
-        position.to_array().map(|x| (x / self.side).floor() as i32)
-    }
-
-    /// Calls `found` with all records within `reach`, and with others.
-    fn each_near<'h>(&'h self, here: Vec3, reach: f32, mut found: impl FnMut(&'h RecordHead)) {
-        // Differences of positions are rounded.
-        let reach = reach + 1e-6 * (reach + here.abs().max_element());
-        let (low, high) = (self.cell(here - reach), self.cell(here + reach));
-        let cells: f64 = (0..3).map(|axis| f64::from(high[axis]) - f64::from(low[axis]) + 1.0).product();
-        if cells > self.cells.len() as f64 {
-            return self.heads.iter().for_each(found);
-        }
-        for x in low[0]..=high[0] {
-            for y in low[1]..=high[1] {
-                for z in low[2]..=high[2] {
-                    let there = self.cells.get(&[x, y, z]).into_iter().flatten();
-                    there.for_each(|index| found(&self.heads[*index as usize]));
-                }
-            }
-        }
-    }
 }
 
 /// The part of the image, from 0 to 1 each way, where the camera may see points within the record's radius (`size`).

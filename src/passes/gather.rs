@@ -32,7 +32,8 @@ shared_struct! {
         geometric: u32,
         normal: u32,
         inverse_distance: f32,
-        padding: [u32; 2],
+        variance: f32,
+        padding: u32,
     }
 }
 
@@ -122,6 +123,24 @@ impl RecordBuffers {
             gpu.write(buffer, &some);
         }
         Ok(())
+    }
+
+    /// The variances of `count` records' irradiance, sums of the channels; and their values.
+    ///
+    /// # Errors
+    /// As [`Gpu::read`].
+    pub fn read(&self, gpu: &Gpu, count: usize) -> Result<(Vec<f32>, Vec<f32>)> {
+        let origins: Vec<RecordOrigin> = gpu.read(&self.origins, count)?;
+        let values = gpu.read(&self.values, count * self.value_words)?;
+        Ok((origins.iter().map(|origin| origin.variance).collect(), values))
+    }
+
+    /// An empty buffer of values, for as many records.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn values_like(&self, gpu: &Gpu) -> Result<Buffer> {
+        Ok(gpu.buffer::<u32>("penumbra/cache/filtered_values", self.values.bytes as usize / size_of::<u32>())?)
     }
 
     /// Bytes of all of them.

@@ -3,10 +3,6 @@
 
 use super::denoise::RELMSE_FLOOR;
 
-/// Error of rays before over that of twice as many, less one: the square of the error falls as the number of rays to
-/// the power of 1.3 (docs/decisions.md, "Rays in proportion to what they add").
-const GAIN_OF_TWICE_THE_RAYS: f64 = 1.46;
-
 /// The noise of samples of one sequence over that of independent ones with the same differences: points that avoid each
 /// other differ more than they err, in the mean of few samples by 0.31 over 0.72 (docs/decisions.md, "Denoising").
 const AVOIDANCE: f64 = 0.5;
@@ -37,9 +33,11 @@ impl Growth {
     }
 }
 
-/// The relMSE by gather rays, of which the last wave was half, and changed the means by `changes`.
+/// The relMSE by gather rays, of which the last wave was half, and changed the means by `changes`. The square of the
+/// error of filtered records falls in inverse proportion to the rays (docs/decisions.md, "Filtered records"), so what a
+/// half has taken away is as much as is left.
 pub(super) fn error_of_rays(changes: impl Iterator<Item = (f32, f32)>) -> f64 {
-    mean(changes.map(|(change, mean)| relative_square(change, mean))) / GAIN_OF_TWICE_THE_RAYS
+    mean(changes.map(|(change, mean)| relative_square(change, mean)))
 }
 
 /// Whether more rays gain more than more samples: while their part of the error is larger than that of the time. With
@@ -90,7 +88,7 @@ mod tests {
     #[test]
     fn a_firefly_is_one_pixel() {
         let changes = [(f32::INFINITY, 1.0), (0.0, 1.0), (0.0, 0.0), (0.0, 5.0)];
-        assert!((error_of_rays(changes.into_iter()) * GAIN_OF_TWICE_THE_RAYS - 0.25).abs() < 1e-12);
+        assert!((error_of_rays(changes.into_iter()) - 0.25).abs() < 1e-12);
     }
 
     /// Rays are wanted while their share of the error is above their share of the cost, and never without error.

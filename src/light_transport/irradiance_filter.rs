@@ -1,0 +1,294 @@
+//! Irradiance filtering (Kontkanen, Räsänen and Keller 2004): a record is averaged with the records around it that
+//! differ from it by no more than noise. All samples of a pixel share the noise of its records, so that more samples do
+//! not remove it, and no denoiser of the image knows of it.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::record_grid::{RecordGrid, weight};
+use crate::passes::gather::RecordHead;
+
+/// How far a record finds others, in radii and in pixels. Less leaves more noise, and more takes slopes of irradiance
+/// for noise (docs/decisions.md, "Filtered records").
+const REACH_RADII: f32 = 3.0;
+const REACH_PIXELS: f32 = 32.0;
+
+/// Squared half-width of the confidence intervals that must overlap, over the variance; chosen as the reach was.
+const INTERVAL: f64 = 1.0;
+
+/// Irradiance records, as pass `gather` left them.
+pub(super) struct NoisyRecords<'a> {
+    /// Their sizes are those of pixels.
+    pub heads: &'a [RecordHead],
+    pub radii: &'a [f32],
+    /// Variances of their irradiance, sums of the channels.
+    pub variances: &'a [f32],
+    /// Irradiance and gradients, an equal number of values for each record; see `shaders/lib/record.wgsl`.
+    pub values: &'a [f32],
+}
+
+/// A record near another one.
+struct Member {
+    index: usize,
+    weight: f64,
+}
+
+/// What is known of the irradiance of a record.
+#[derive(Clone, Copy)]
+struct Known {
+    irradiance: DVec3,
+    variance: f64,
+}
+
+impl NoisyRecords<'_> {
+    /// The values, filtered.
+    pub fn filtered(&self) -> Vec<f32> {
+        let reach = |i: usize| (REACH_RADII * self.radii[i]).min(REACH_PIXELS * self.heads[i].size);
+        let grid = RecordGrid::new(self.heads, reach);
+        let indices = || (0..self.heads.len()).into_par_iter();
+        let members: Vec<Vec<Member>> = indices().map(|i| self.members(&grid, i, reach(i))).collect();
+        // Few rays tell a variance badly, and one that missed a small bright surface none of it.
+        let known: Vec<Known> = members
+            .par_iter()
+            .enumerate()
+            .map(|(i, near)| {
+                let variance = mean(near, |member| f64::from(self.variances[member.index]));
+                Known { irradiance: self.irradiance(i), variance }
+            })
+            .collect();
+        // Records that were compared themselves would find those that err as they do.
+        let guides: Vec<Known> = indices().map(|i| known_of_all(&nearest(&members[i]), &known)).collect();
+        indices().flat_map_iter(|i| self.mean_values(i, &resembling(&members[i], &guides, i))).collect()
+    }
+
+    /// Values of a record.
+    fn count(&self) -> usize {
+        self.values.len() / self.heads.len()
+    }
+
+    fn irradiance(&self, i: usize) -> DVec3 {
+        let first = i * self.count();
+        DVec3::from([3, 7, 11].map(|channel| f64::from(self.values[first + channel])))
+    }
+
+    /// Whether there is a record, and its noise is known.
+    fn is_valid(&self, i: usize) -> bool {
+        self.heads[i].size > 0.0 && self.variances[i].is_finite()
+    }
+
+    /// The records on the same surface within `reach` of a record, among them itself.
+    fn members(&self, grid: &RecordGrid<'_>, i: usize, reach: f32) -> Vec<Member> {
+        let mut members = Vec::new();
+        if self.is_valid(i) {
+            let here = RecordHead { size: reach, ..self.heads[i] };
+            grid.each_near(Vec3::from(here.position), reach, |index| {
+                let weight = f64::from(weight(&here, &self.heads[index]));
+                if weight > 0.0 && self.is_valid(index) {
+                    members.push(Member { index, weight });
+                }
+            });
+            // Sums are the same from run to run.
+            members.sort_unstable_by_key(|member| member.index);
+        }
+        members
+    }
+
+    /// The mean of the members' values; of none, the record's own.
+    fn mean_values(&self, i: usize, members: &[Member]) -> Vec<f32> {
+        let count = self.count();
+        let values = |index: usize| &self.values[index * count..][..count];
+        if members.is_empty() {
+            return values(i).to_vec();
+        }
+        let (mut sums, mut weights) = (vec![0.0; count], 0.0);
+        for Member { index, weight } in members {
+            sums.iter_mut().zip(values(*index)).for_each(|(sum, value)| *sum += weight * f64::from(*value));
+            weights += weight;
+        }
+        sums.iter().map(|sum| (sum / weights) as f32).collect()
+    }
+}
+
+/// The members within half of the reach, where their weight falls to 0.
+fn nearest(members: &[Member]) -> Vec<Member> {
+    let nearer = |member: &Member| Member { weight: member.weight - 0.5, ..*member };
+    members.iter().map(nearer).filter(|member| member.weight > 0.0).collect()
+}
+
+/// The members whose guide differs from that of record `i` by no more than noise (Rousselle, Knaus and Zwicker 2012).
+fn resembling(members: &[Member], guides: &[Known], i: usize) -> Vec<Member> {
+    let resembles = |other: &Known| {
+        let (a, b) = (guides[i].variance, other.variance);
+        let excess = guides[i].irradiance.distance_squared(other.irradiance) - (a + a.min(b));
+        if excess > 0.0 { (-excess / (INTERVAL * (a + b))).exp() } else { 1.0 }
+    };
+    let weighed = |member: &Member| Member { weight: member.weight * resembles(&guides[member.index]), ..*member };
+    members.iter().map(weighed).collect()
+}
+
+/// What is known of the mean of members.
+fn known_of_all(members: &[Member], known: &[Known]) -> Known {
+    let of = |channel: usize| mean(members, |member| known[member.index].irradiance[channel]);
+    let weights: f64 = members.iter().map(|member| member.weight).sum();
+    let variance = mean(members, |member| member.weight * known[member.index].variance) / weights;
+    Known { irradiance: DVec3::from([0, 1, 2].map(of)), variance }
+}
+
+fn mean(members: &[Member], value: impl Fn(&Member) -> f64) -> f64 {
+    let weights: f64 = members.iter().map(|member| member.weight).sum();
+    members.iter().map(|member| member.weight * value(member)).sum::<f64>() / weights
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIDE: usize = 40;
+
+    /// Records on a square of SIDE x SIDE, two pixels apart, of flat surfaces.
+    struct Plane {
+        heads: Vec<RecordHead>,
+        values: Vec<f32>,
+        variances: Vec<f32>,
+    }
+
+    impl Plane {
+        /// With irradiance and variance by column and row.
+        fn new(record: impl Fn(usize, usize) -> [f32; 2]) -> Plane {
+            let mut plane = Plane { heads: Vec::new(), values: Vec::new(), variances: Vec::new() };
+            for (column, row) in (0..SIDE * SIDE).map(|i| (i % SIDE, i / SIDE)) {
+                let position = [0.02 * column as f32, 0.02 * row as f32, 0.0];
+                let head = RecordHead { position, size: 0.01, normal: [0.0, 0.0, 1.0], distance: 1.0 };
+                let [irradiance, variance] = record(column, row);
+                plane.heads.push(head);
+                plane.values.extend([0.0, 0.0, 0.0, irradiance].repeat(3));
+                plane.variances.push(variance);
+            }
+            plane
+        }
+
+        /// The irradiance of each record, filtered.
+        fn filtered(&self) -> Vec<f32> {
+            let radii = vec![0.1; self.heads.len()];
+            let Plane { heads, values, variances } = self;
+            let filtered = NoisyRecords { heads, radii: &radii, variances, values }.filtered();
+            assert_eq!(filtered.len(), values.len());
+            assert!(filtered.chunks(4).all(|texel| texel[..3] == [0.0; 3]));
+            filtered.chunks(12).map(|record| record[7]).collect()
+        }
+    }
+
+    /// The numbers of a sequence that is uniform in [0, 1), by index.
+    fn uniform(i: usize) -> f32 {
+        let mut state = (i as u32).wrapping_mul(0x9e37_79b9) ^ 0x85eb_ca6b;
+        for _ in 0..3 {
+            state = (state ^ (state >> 15)).wrapping_mul(0x2c1b_3c6d);
+        }
+        (state >> 8) as f32 / (1 << 24) as f32
+    }
+
+    /// Noise with a mean of 0 and this standard deviation.
+    fn noise(i: usize, deviation: f32) -> f32 {
+        (uniform(i) - 0.5) * 12f32.sqrt() * deviation
+    }
+
+    fn mean_and_variance(values: &[f32]) -> [f64; 2] {
+        let count = values.len() as f64;
+        let mean = values.iter().map(|x| f64::from(*x)).sum::<f64>() / count;
+        [mean, values.iter().map(|x| (f64::from(*x) - mean).powi(2)).sum::<f64>() / count]
+    }
+
+    /// The mean of a plane of equal light is that of the records. The variance falls as far as cones of weights say, of
+    /// a radius of fifteen records: 3 / (2 pi 15^2) of it, 1 in 471, if all were members.
+    #[test]
+    fn noise_is_averaged() {
+        let plane = Plane::new(|column, row| [2.0 + noise(row * SIDE + column, 0.1), 0.03]);
+        let before: Vec<f32> = plane.values.chunks(12).map(|record| record[3]).collect();
+        let ([mean, variance], [filtered_mean, left]) =
+            (mean_and_variance(&before), mean_and_variance(&plane.filtered()));
+        assert!((variance / 0.01 - 1.0).abs() < 0.1, "the test's own noise: {variance}");
+        // 0.1 over the root of the 1,600 records is the error of the mean.
+        assert!((filtered_mean - mean).abs() < 0.0025, "{mean} became {filtered_mean}");
+        // Records at the rim have fewer around them; and noise that seems to be none keeps some away.
+        assert!(left > variance / 500.0 && left < variance / 50.0, "{variance} became {left}");
+    }
+
+    /// Records without noise keep their bits, whatever their light.
+    #[test]
+    fn records_without_noise_stay_as_they_are() {
+        let plane = Plane::new(|column, row| [uniform(row * SIDE + column), 0.0]);
+        let before: Vec<f32> = plane.values.chunks(12).map(|record| record[3]).collect();
+        assert_eq!(plane.filtered(), before);
+    }
+
+    /// Light on both sides of an edge that noise does not explain stays on its side; a difference of the order of the
+    /// noise does not.
+    #[test]
+    fn edges_stay() {
+        let step =
+            |height: f32| Plane::new(move |column, _| [if column < SIDE / 2 { 1.0 } else { 1.0 + height }, 3e-4]);
+        let at = |filtered: &[f32], column: usize| filtered[SIDE / 2 * SIDE + column];
+        let filtered = step(0.5).filtered();
+        assert!((at(&filtered, SIDE / 2 - 1) - 1.0).abs() < 1e-4 && (at(&filtered, SIDE / 2) - 1.5).abs() < 1e-4);
+        let filtered = step(0.01).filtered();
+        assert!(at(&filtered, SIDE / 2 - 1) > 1.003, "the filter does nothing");
+    }
+
+    /// Other surfaces take no part: neither those that face elsewhere, nor those a little above or below.
+    #[test]
+    fn surfaces_do_not_mix() {
+        for above in [false, true] {
+            let mut plane = Plane::new(|column, row| [if (column + row) % 2 == 0 { 1.0 } else { 2.0 }, 3.0]);
+            for (_, head) in plane.heads.iter_mut().enumerate().filter(|(i, _)| (i / SIDE + i % SIDE) % 2 == 1) {
+                if above {
+                    // Offsets count ten times.
+                    head.position[2] = 0.03;
+                } else {
+                    head.normal = [0.5f32.sqrt(), 0.0, 0.5f32.sqrt()];
+                }
+            }
+            for (i, irradiance) in plane.filtered().iter().enumerate() {
+                let own = if (i / SIDE + i % SIDE) % 2 == 0 { 1.0 } else { 2.0 };
+                assert!((irradiance - own).abs() < 1e-5, "record {i}: {irradiance}");
+            }
+            let all_one = Plane::new(|column, row| [if (column + row) % 2 == 0 { 1.0 } else { 2.0 }, 3.0]);
+            assert!(all_one.filtered().iter().all(|x| (x - 1.5).abs() < 0.1), "the test proves nothing");
+        }
+    }
+
+    /// A record with a ray that met something bright keeps a thirtieth of its light at the most. Those around it get
+    /// some of the rest, as they would all be too dark without it. Some is lost: those farther away take it for that of
+    /// another surface.
+    #[test]
+    fn the_light_of_a_firefly_is_spread() {
+        let middle = SIDE / 2;
+        let bright = |column, row| (column, row) == (middle, middle);
+        let plane = Plane::new(|column, row| if bright(column, row) { [101.0, 3e4] } else { [1.0, 3e-2] });
+        let filtered = plane.filtered();
+        let more: f32 = filtered.iter().map(|irradiance| irradiance - 1.0).sum();
+        assert!(more > 33.0 && more < 101.0, "{more} of 100");
+        let brightest = filtered.iter().copied().fold(0.0, f32::max);
+        assert!(brightest < 1.0 + 100.0 / 30.0, "{brightest}");
+    }
+
+    /// Records that are not finite, and those whose noise is unknown, stay as they are, and no other takes their light.
+    #[test]
+    fn invalid_records_take_no_part() {
+        let mut plane = Plane::new(|_, _| [1.0, 3.0]);
+        for (i, light) in [(0, f32::NAN), (SIDE * 7 + 7, f32::INFINITY), (SIDE * 20 + 20, 1e30)] {
+            plane.values[12 * i + 7] = light;
+            if light == 1e30 { plane.variances[i] = f32::INFINITY } else { plane.heads[i].size = 0.0 }
+        }
+        let filtered = plane.filtered();
+        for (i, irradiance) in filtered.iter().enumerate() {
+            match i {
+                0 => assert!(irradiance.is_nan()),
+                287 => assert_eq!(*irradiance, f32::INFINITY),
+                820 => assert_eq!(*irradiance, 1e30),
+                _ => assert!((irradiance - 1.0).abs() < 1e-6, "record {i}: {irradiance}"),
+            }
+        }
+        let none = NoisyRecords { heads: &[], radii: &[], variances: &[], values: &[] };
+        assert!(none.filtered().is_empty());
+    }
+}
