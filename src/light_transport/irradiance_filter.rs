@@ -237,9 +237,13 @@ mod tests {
     /// Other surfaces take no part: neither those that face elsewhere, nor those a little above or below.
     #[test]
     fn surfaces_do_not_mix() {
+        let is_even = |column: usize, row: usize| (column + row).is_multiple_of(2);
+        let board = || Plane::new(|column, row| [if is_even(column, row) { 1.0 } else { 2.0 }, 3.0]);
+        assert!(board().filtered().iter().all(|x| (x - 1.5).abs() < 0.1), "the test proves nothing");
         for above in [false, true] {
-            let mut plane = Plane::new(|column, row| [if (column + row) % 2 == 0 { 1.0 } else { 2.0 }, 3.0]);
-            for (_, head) in plane.heads.iter_mut().enumerate().filter(|(i, _)| (i / SIDE + i % SIDE) % 2 == 1) {
+            let mut plane = board();
+            let odd = |(i, _): &(usize, &mut RecordHead)| !is_even(i % SIDE, i / SIDE);
+            for (_, head) in plane.heads.iter_mut().enumerate().filter(odd) {
                 if above {
                     // Offsets count ten times.
                     head.position[2] = 0.03;
@@ -248,11 +252,9 @@ mod tests {
                 }
             }
             for (i, irradiance) in plane.filtered().iter().enumerate() {
-                let own = if (i / SIDE + i % SIDE) % 2 == 0 { 1.0 } else { 2.0 };
+                let own = if is_even(i % SIDE, i / SIDE) { 1.0 } else { 2.0 };
                 assert!((irradiance - own).abs() < 1e-5, "record {i}: {irradiance}");
             }
-            let all_one = Plane::new(|column, row| [if (column + row) % 2 == 0 { 1.0 } else { 2.0 }, 3.0]);
-            assert!(all_one.filtered().iter().all(|x| (x - 1.5).abs() < 0.1), "the test proves nothing");
         }
     }
 
