@@ -327,7 +327,8 @@ fn record(
         variance = 0.0;
         for (var c = 0u; c < 3u; c++) {
             let earlier = record_values[values + c];
-            variance += share * (1.0 - share) * (irradiance[c] - earlier.w) * (irradiance[c] - earlier.w);
+            let change = irradiance[c] - earlier.w;
+            variance += share * (1.0 - share) * change * change;
             irradiance[c] = mix(earlier.w, irradiance[c], share);
             translation[c] = mix(earlier.xyz, translation[c], share);
             @if(smooth_normals || normal_maps) {

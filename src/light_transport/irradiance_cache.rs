@@ -168,7 +168,7 @@ impl Records {
         for spacing in spacings {
             let records = match bound.take() {
                 Some(records) => records,
-                None => self.bind(with, buffers, &self.buffers.values)?,
+                None => bind(with, buffers, &self.with_radii(with), &self.buffers.values)?,
             };
             if !self.fill_at(with, buffers, &records, *spacing, totals)? {
                 bound = Some(records);
@@ -176,9 +176,10 @@ impl Records {
         }
         totals.indirect.records = self.heads.len() as u64;
         totals.min_radius_records = self.smallest(with.settings.indirect.irradiance_cache.accuracy);
-        let values = self.filtered_values(with)?;
+        let with_radii = self.with_radii(with);
+        let values = self.filtered_values(with, &with_radii)?;
         totals.indirect_bytes += self.buffers.bytes() + values.bytes;
-        self.bind(with, buffers, &values)
+        bind(with, buffers, &with_radii, &values)
     }
 
     /// Adds records where the points of an image of one pixel for `spacing` have too few. Returns whether it added any.
@@ -286,27 +287,16 @@ impl Records {
     }
 
     /// Irradiance and gradients for the points of the view. More rays add to those that are not filtered.
-    fn filtered_values(&self, with: &Filling<'_>) -> Result<Buffer> {
-        let count = self.heads.len();
-        let radii: Vec<f32> = self.with_radii(with).iter().map(|head| head.size).collect();
-        let (variances, values) = self.buffers.read(with.gpu, count)?;
+    fn filtered_values(&self, with: &Filling<'_>, with_radii: &[RecordHead]) -> Result<Buffer> {
+        let radii: Vec<f32> = with_radii.iter().map(|head| head.size).collect();
+        let (variances, values) = self.buffers.read(with.gpu, self.heads.len())?;
         let noisy = NoisyRecords { heads: &self.heads, radii: &radii, variances: &variances, values: &values };
         let filtered = self.buffers.values_like(with.gpu)?;
         with.gpu.write(&filtered, &noisy.filtered());
         Ok(filtered)
     }
 
-    /// Binds the pass to tables of all records with these values, and with radii that respect the distances of their
-    /// neighbours.
-    fn bind(&self, with: &Filling<'_>, buffers: &CacheBuffers, values: &Buffer) -> Result<BoundCache> {
-        let Filling { gpu, camera, .. } = *with;
-        let heads = self.with_radii(with);
-        let size = [with.settings.image.width, with.settings.image.height];
-        let records = ViewRecords::new(gpu, &heads, values, size, |head| seen_part(camera, head))?;
-        with.kernels.cache.bind(gpu, with.tile, buffers, &records, with.scene)
-    }
-
-    /// The heads with radii in place of the sizes of pixels.
+    /// The heads with radii in place of the sizes of pixels, which respect the distances of their neighbours.
     fn with_radii(&self, with: &Filling<'_>) -> Vec<RecordHead> {
         let accuracy = with.settings.indirect.irradiance_cache.accuracy;
         let mut heads = self.heads.clone();
@@ -315,6 +305,14 @@ impl Records {
         }
         heads
     }
+}
+
+/// Binds the pass to tables of records, whose heads have radii.
+fn bind(with: &Filling<'_>, buffers: &CacheBuffers, heads: &[RecordHead], values: &Buffer) -> Result<BoundCache> {
+    let Filling { gpu, camera, .. } = *with;
+    let size = [with.settings.image.width, with.settings.image.height];
+    let records = ViewRecords::new(gpu, heads, values, size, |head| seen_part(camera, head))?;
+    with.kernels.cache.bind(gpu, with.tile, buffers, &records, with.scene)
 }
 
 /// The radius of a record, from its distance and the size of a pixel.

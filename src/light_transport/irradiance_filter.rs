@@ -48,14 +48,9 @@ impl NoisyRecords<'_> {
         let indices = || (0..self.heads.len()).into_par_iter();
         let members: Vec<Vec<Member>> = indices().map(|i| self.members(&grid, i, reach(i))).collect();
         // Few rays tell a variance badly, and one that missed a small bright surface none of it.
-        let known: Vec<Known> = members
-            .par_iter()
-            .enumerate()
-            .map(|(i, near)| {
-                let variance = mean(near, |member| f64::from(self.variances[member.index]));
-                Known { irradiance: self.irradiance(i), variance }
-            })
-            .collect();
+        let variance = |i: usize| mean(&members[i], |member| f64::from(self.variances[member.index]));
+        let of_record = |i: usize| Known { irradiance: self.irradiance(i), variance: variance(i) };
+        let known: Vec<Known> = indices().map(of_record).collect();
         // Records that were compared themselves would find those that err as they do.
         let guides: Vec<Known> = indices().map(|i| known_of_all(&nearest(&members[i]), &known)).collect();
         indices().flat_map_iter(|i| self.mean_values(i, &resembling(&members[i], &guides, i))).collect()
