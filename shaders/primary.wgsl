@@ -3,8 +3,8 @@
 // In: the scene, the camera.
 // Out: `points` and `surfaces`, the visible surface of each sample; `radiance_direct`, the emission that the ray meets,
 // with w 1 where it met anything, the environment included unless that is hidden (the image's alpha); the AOVs that
-// were requested; the guides of denoisers, which are of the surface at the end of a specular chain. Positions are in
-// scene units after normalisation.
+// were requested; the guides of denoisers, which are of the surface at the end of a specular chain, and tell what
+// chance chose. Positions are in scene units after normalisation.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, pixel_by_pixel, tile_pixel, tile_sample, pixel_seed};
@@ -16,6 +16,7 @@ import package::lib::packet::{no_ray, trace_closest_together};
 @if(specular_chains) import package::lib::packet::in_any_lane;
 @if(environment && (!hidden_environment || specular_chains)) import package::lib::environment::environment_radiance;
 import package::lib::ray::{NO_HIT, RaySample};
+@if(alpha_test && guides) import package::lib::ray::Hit;
 import package::lib::surface::{SurfaceHit, surface_at};
 import package::lib::math::{is_finite4, oct_encode16, invalid_sample};
 import package::lib::rng::hash2;
@@ -29,6 +30,9 @@ import package::lib::point::{Point, VisibleSurface};
 @if(specular_chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
 @if(specular_chains) import package::lib::light::BEYOND_SCENE;
 @if(specular_chains) import package::lib::ray::{Ray, offset_origin};
+@if(specular_chains && transmission && guides) import package::lib::bsdf::bsdf_passes;
+@if(specular_chains && transmission && guides) import package::lib::bsdf::transmission::transmission_is_present;
+@if(alpha_test && guides) import package::lib::alpha::{last_stopping, nearest_passed};
 @if(specular_chains) import package::lib::rng::hash3;
 import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
 import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
@@ -78,16 +82,17 @@ fn primary(
         @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }
         @if(aov_position) { position = vec4f(found.triangle_position, hit.t * camera.cosine); }
     }
+    @if(guides && alpha_test) { chance = chance_of_blending(hit); }
     @if(specular_chains) let chain = chain_from(&found, &direct, met, seed, sample_index, lane);
     if i >= tile.point_count { return; }
     @if(guides) {
-        var guide_albedo = vec4f(0.0);
-        var guide_normal = vec4f(0.0);
+        var guide_albedo = vec4f(0.0, 0.0, 0.0, chance.x);
+        var guide_normal = vec4f(0.0, 0.0, 0.0, chance.y);
         var guide_position = vec4f(0.0);
         if met {
-            guide_albedo = vec4f(found.base_colour, 1.0);
+            guide_albedo = vec4f(found.base_colour, chance.x);
             @if(specular_chains) { guide_albedo *= vec4f(chain.xyz, 1.0); }
-            guide_normal = vec4f(found.surface.shading_normal, 1.0);
+            guide_normal = vec4f(found.surface.shading_normal, chance.y);
             guide_position = vec4f(found.triangle_position, 1.0);
         }
         let room = arrayLength(&guide_samples) / 3u;
@@ -118,6 +123,17 @@ fn primary(
     @if(aov_albedo) { albedo_samples[i] = albedo; }
     @if(aov_normal) { normal_samples[i] = normal; }
     @if(aov_position) { position_samples[i] = position; }
+}
+
+// What chance chose for the camera's ray: x is 1 if it chose the surface that the ray shows, and y is 1 if that is a
+// reflection in glass or a blended surface rather than what is behind.
+@if(guides) var<private> chance: vec2f;
+
+@if(guides && alpha_test)
+fn chance_of_blending(hit: Hit) -> vec2f {
+    let stopped = hit.triangle != NO_HIT && hit.triangle == last_stopping;
+    let passed = nearest_passed < hit.t;
+    return vec2f(f32(stopped || passed), f32(stopped));
 }
 
 // What other passes need of a surface; its chain is not known here.
@@ -161,6 +177,12 @@ fn chain_from(
             if goes_on {
                 throughput *= scattered.weight;
                 links++;
+                @if(guides && transmission) {
+                    if transmission_is_present((*found).surface.transmission) {
+                        chance.x = 1.0;
+                        if !bsdf_passes((*found).surface, scattered.direction) { chance.y = 1.0; }
+                    }
+                }
                 let origin = offset_origin((*found).position, leaving_normal((*found).surface, scattered.direction));
                 ray = Ray(origin, 0.0, scattered.direction, BEYOND_SCENE);
             }

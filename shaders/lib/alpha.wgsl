@@ -2,7 +2,7 @@
 // blended surface stops a ray with the probability alpha.
 
 import package::lib::material::alpha_at;
-import package::lib::ray::RaySample;
+import package::lib::ray::{Hit, NO_HIT, RaySample};
 import package::lib::rng::hash3;
 import package::lib::sampling::sobol1;
 import package::lib::constants::{MATERIAL_MASK, MATERIAL_BLEND};
@@ -15,8 +15,20 @@ fn alpha_coverage(triangle: u32, u: f32, v: f32) -> f32 {
     return 1.0;
 }
 
-// Whether the triangle stops the ray.
-fn alpha_blocks(triangle: u32, u: f32, v: f32, sample: RaySample) -> bool {
+// What chance decided for the rays of an invocation so far: the distance of the nearest blended surface that let one
+// pass, and the last one that stopped one.
+@if(guides) var<private> nearest_passed: f32 = 3.4e38;
+@if(guides) var<private> last_stopping: u32 = NO_HIT;
+
+// Whether the surface that a ray met stops it.
+fn alpha_blocks(hit: Hit, sample: RaySample) -> bool {
     // Each triangle has its own random number, so that two layers stop a ray independently.
-    return sobol1(sample.index, hash3(sample.sequence, triangle, 0x616c7068u)) < alpha_coverage(triangle, u, v);
+    let random = sobol1(sample.index, hash3(sample.sequence, hit.triangle, 0x616c7068u));
+    let coverage = alpha_coverage(hit.triangle, hit.u, hit.v);
+    let stopped = random < coverage;
+    @if(guides) {
+        if stopped && coverage < 1.0 { last_stopping = hit.triangle; }
+        if !stopped && coverage > 0.0 { nearest_passed = min(nearest_passed, hit.t); }
+    }
+    return stopped;
 }

@@ -325,7 +325,7 @@ fn has_alpha_test(hit: Hit) -> bool {
 fn stops(hit: Hit, t_min: f32, t_max: f32, sample: RaySample) -> bool {
     var stopped = within(hit, t_min, t_max);
     @if(alpha_test) {
-        if stopped && has_alpha_test(hit) { stopped = alpha_blocks(hit.triangle, hit.u, hit.v, sample); }
+        if stopped && has_alpha_test(hit) { stopped = alpha_blocks(hit, sample); }
     }
     return stopped;
 }
@@ -371,7 +371,7 @@ fn trace_closest(ray: Ray, sample: RaySample) -> Hit {
                     }
                 }
             }
-            if undecided.triangle != NO_HIT && alpha_blocks(undecided.triangle, undecided.u, undecided.v, sample) {
+            if undecided.triangle != NO_HIT && alpha_blocks(undecided, sample) {
                 closest = undecided;
             }
         }
@@ -407,7 +407,7 @@ fn trace_occluded(ray: Ray, sample: RaySample) -> bool {
                     }
                 }
             }
-            if undecided.triangle != NO_HIT && alpha_blocks(undecided.triangle, undecided.u, undecided.v, sample) {
+            if undecided.triangle != NO_HIT && alpha_blocks(undecided, sample) {
                 return true;
             }
         }

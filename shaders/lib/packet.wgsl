@@ -274,7 +274,7 @@ fn trace_packet(ray: Ray, sample: RaySample, lane: u32, any_hit: bool) -> Hit {
                 if entry == NO_ENTRY || waits { break; }
             }
             let hit = found.undecided;
-            if hit.triangle != NO_HIT && alpha_blocks(hit.triangle, hit.u, hit.v, sample) {
+            if hit.triangle != NO_HIT && alpha_blocks(hit, sample) {
                 keep_hit(&found, hit, any_hit);
             }
             if entry == NO_ENTRY { break; }

@@ -209,9 +209,9 @@ impl SampledPixels {
 /// The guides of denoisers: of the first surface that is neither a mirror nor clear glass.
 pub struct GuideSamples {
     all: Buffer,
-    /// Base colour, times the throughput of the way to the surface.
+    /// Base colour, times the throughput of the way to the surface; w is 1 where chance chose what the ray shows.
     pub albedo: Buffer,
-    /// Shading normal.
+    /// Shading normal; w is 1 where chance chose the reflection in glass, or the blended surface.
     pub normal: Buffer,
     /// Position on the triangle; w is 1 where there is a surface.
     pub position: Buffer,

@@ -1,10 +1,11 @@
 //! Sums of samples without noise: what denoisers take from them, and the channels of what they give, whether the
 //! samples are those of a render or of merged pieces.
 
-use glam::DVec4;
+use glam::{DVec3, DVec4};
 use kernel_kit::Gpu;
 use rayon::prelude::*;
 
+use super::denoise::chance::{Seen, settle_choices};
 use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
 use super::picture::{Quantity, Sums, colour_of, means};
 use super::tiles::first_half;
@@ -45,15 +46,9 @@ pub(super) fn add_denoised(
 
 /// What denoisers take of an image of `size`.
 pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
-    let guide = |quantity: Quantity| -> Result<Vec<Colour>> {
-        Ok(means(sums, quantity)?.unwrap_or_default().par_iter().map(colour).collect())
-    };
-    let mut albedo = guide(Quantity::GuideAlbedo)?;
-    albedo.par_iter_mut().for_each(|pixel| *pixel = pixel.map(|x| x.clamp(0.0, 1.0)));
-    let normal = guide(Quantity::GuideNormal)?;
-    // Without what passes by: w is the share of samples that met a surface.
-    let met = |p: &DVec4| if p.w > 0.0 { colour(&(*p / p.w)) } else { [0.0; 3] };
-    let position = means(sums, Quantity::GuidePosition)?.unwrap_or_default().par_iter().map(met).collect();
+    let [albedo, normal, position] = [Quantity::GuideAlbedo, Quantity::GuideNormal, Quantity::GuidePosition]
+        .map(|quantity| means(sums, quantity).map(Option::unwrap_or_default));
+    let guides = guides_of(size, albedo?, normal?, position?);
 
     let samples = |pixel: usize| sums.samples_of(pixel);
     let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
@@ -87,8 +82,24 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
         |of: usize, means: Vec<Vec<Colour>>| Light { parts: half_parts(means, &all, &|pixel| factor(of, pixel)) };
     let [first, second] = halves;
     let halves = (!first.is_empty()).then(|| [half(0, first), half(1, second)]);
-    let guides = Guides { albedo, normal, position };
     Ok(Noisy { size, all: Light { parts: all }, halves, half_samples, guides })
+}
+
+/// The guides by the means of what pass `primary` wrote.
+fn guides_of(size: [u32; 2], albedo: Vec<DVec4>, normal: Vec<DVec4>, position: Vec<DVec4>) -> Guides {
+    // Without what passes by: w is the share of samples that met a surface.
+    let met = |p: &DVec4| if p.w > 0.0 { p.truncate() / p.w } else { DVec3::ZERO };
+    let pixel = |i: usize| Seen {
+        choosing: albedo[i].w,
+        chosen: normal[i].w,
+        guides: [albedo[i].truncate(), normal[i].truncate(), met(&position[i])],
+    };
+    let mut seen: Vec<Seen> = (0..albedo.len()).into_par_iter().map(pixel).collect();
+    settle_choices(size, &mut seen);
+    let guide = |k: usize| seen.par_iter().map(|seen| seen.guides[k].as_vec3().to_array()).collect::<Vec<Colour>>();
+    let mut albedo = guide(0);
+    albedo.par_iter_mut().for_each(|pixel| *pixel = pixel.map(|x| x.clamp(0.0, 1.0)));
+    Guides { albedo, normal: guide(1), position: guide(2) }
 }
 
 /// The parts of one half of the samples. The variances of their means are those of all samples times `factor`.

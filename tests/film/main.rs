@@ -1,6 +1,7 @@
 //! Images: files, tone mapping and metrics.
 
 mod atomic;
+mod chance;
 mod exr;
 mod metrics;
 mod mixture;

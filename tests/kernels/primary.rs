@@ -9,7 +9,7 @@ use penumbra::internal::passes::primary::Primary;
 use penumbra::internal::passes::{GuideSamples, Tile, TileBuffers};
 use penumbra::internal::scene::{
     AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Specular, Texture, TextureImage, TextureInfo,
-    Wrap,
+    Transmission, Wrap,
 };
 use penumbra::internal::specialisation::features::Feature;
 use penumbra::internal::statistics::Counter;
@@ -48,9 +48,11 @@ enum Fault {
     FacetNormals,
     /// The depth is the distance.
     Depth,
+    /// Chance decides nothing where it lets a ray pass.
+    Chance,
 }
 
-const FAULTS: [Fault; 12] = [
+const FAULTS: [Fault; 13] = [
     Fault::Backs,
     Fault::Facing,
     Fault::Planes,
@@ -63,6 +65,7 @@ const FAULTS: [Fault; 12] = [
     Fault::Facets,
     Fault::FacetNormals,
     Fault::Depth,
+    Fault::Chance,
 ];
 
 const SPHERE: u32 = 0;
@@ -160,6 +163,13 @@ struct Visible {
     material: usize,
 }
 
+/// What a pixel shows.
+struct Seen {
+    visible: Option<Visible>,
+    /// 1 if chance decided about a surface in front or the visible one, and 1 if it chose the visible one; else 0.
+    chance: [f64; 2],
+}
+
 /// The oracle for one image.
 struct Oracle<'s> {
     scene: &'s Scene,
@@ -187,11 +197,12 @@ impl Oracle<'_> {
         }
     }
 
-    /// The visible surface of a pixel; an error where that depends on rounding.
-    fn see(&self, pixel: usize) -> Result<Option<Visible>, ()> {
+    /// What a pixel shows; an error where that depends on rounding.
+    fn see(&self, pixel: usize) -> Result<Seen, ()> {
         let (origin, direction, cosine) = self.ray(pixel);
         let (near, far) = (f64::from(self.camera.near) / cosine, f64::from(self.camera.far) / cosine);
         let mut found: Option<Crossing> = None;
+        let mut chance = [0.0; 2];
         for crossing in crossings(self.scene, origin, direction) {
             // Behind the surface found, only surfaces at the same distance matter.
             if found.is_some_and(|f| crossing.t > f.t + 1e-5) {
@@ -210,19 +221,25 @@ impl Oracle<'_> {
             if crossing.doubtful() || found.is_some() {
                 return Err(());
             }
-            if self.stops(pixel, &crossing)? {
+            let (stopped, is_chance) = self.stops(pixel, &crossing)?;
+            if stopped {
                 found = Some(crossing);
             }
+            if is_chance && (stopped || self.fault != Fault::Chance) {
+                chance = [1.0, f64::from(stopped)];
+            }
         }
-        found.map(|crossing| self.shade(&crossing, origin, direction, cosine)).transpose()
+        let visible = found.map(|crossing| self.shade(&crossing, origin, direction, cosine)).transpose()?;
+        Ok(Seen { visible, chance })
     }
 
-    fn stops(&self, pixel: usize, crossing: &Crossing) -> Result<bool, ()> {
+    /// Whether a surface stops the ray, and whether chance decides.
+    fn stops(&self, pixel: usize, crossing: &Crossing) -> Result<(bool, bool), ()> {
         let material = &self.scene.materials[self.scene.triangles[crossing.triangle].material as usize];
         let alpha = f64::from(material.base_colour.w) * self.texel(&material.base_colour_texture, crossing)?.w;
         let threshold = match material.alpha {
-            _ if self.fault == Fault::Alpha => return Ok(true),
-            AlphaMode::Opaque => return Ok(true),
+            _ if self.fault == Fault::Alpha => return Ok((true, false)),
+            AlphaMode::Opaque => return Ok((true, false)),
             AlphaMode::Mask { cutoff } => f64::from(cutoff),
             AlphaMode::Blend => {
                 let (seed, sample) = pixel_of(&self.tile, pixel);
@@ -230,7 +247,8 @@ impl Oracle<'_> {
                 sobol1(sample, hash(&[sequence, crossing.triangle as u32, 0x616c_7068]))
             }
         };
-        if (alpha - threshold).abs() < TEXEL { Err(()) } else { Ok(alpha > threshold) }
+        let is_chance = material.alpha == AlphaMode::Blend && alpha > 0.0 && alpha < 1.0;
+        if (alpha - threshold).abs() < TEXEL { Err(()) } else { Ok((alpha > threshold, is_chance)) }
     }
 
     fn shade(&self, crossing: &Crossing, origin: DVec3, direction: DVec3, cosine: f64) -> Result<Visible, ()> {
@@ -430,13 +448,17 @@ const COLOUR: f64 = 2e-5;
 const NORMAL: f64 = 2e-4;
 
 /// Whether the output for a pixel is that of the oracle.
-fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
+fn same(outcome: &Outcome, i: usize, Seen { visible, chance }: &Seen) -> bool {
     let vector = |list: &Vec<[u32; 4]>| Vec4::from_array(list[i].map(f32::from_bits)).as_dvec4();
     let [point, packed, radiance, albedo, normal, position, guide_albedo, guide_normal, guide_position] =
         outcome.lists();
+    let told = vector(guide_albedo).w == chance[0] && vector(guide_normal).w == chance[1];
     let Some(visible) = visible else {
-        let others = [radiance, albedo, normal, position, guide_albedo, guide_normal, guide_position];
-        return point[i] == [0, 0, 0, INVALID_POINT]
+        let others = [radiance, albedo, normal, position, guide_position];
+        let guides = [guide_albedo, guide_normal];
+        return told
+            && guides.iter().all(|list| list[i][..3] == [0; 3])
+            && point[i] == [0, 0, 0, INVALID_POINT]
             && packed[i] == [POISON; 4]
             && others.iter().all(|list| list[i] == [0; 4]);
     };
@@ -453,7 +475,8 @@ fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
             && near(oct_decode(point[i][3], 16), visible.geometric, NORMAL)
     };
     let reflected = if visible.unlit { DVec3::ZERO } else { visible.base };
-    lit && near(vector(packed).truncate(), reflected, visible.colour)
+    told && lit
+        && near(vector(packed).truncate(), reflected, visible.colour)
         && near(oct_decode(packed[i][3], 16), visible.shading, NORMAL)
         && colour(radiance, visible.emission)
         && colour(albedo, visible.base)
@@ -462,8 +485,8 @@ fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
         && near(vector(position).truncate(), visible.position, tolerance)
         && (vector(position).w - visible.depth).abs() <= tolerance
         // There are neither mirrors nor clear glass.
-        && guide_albedo[i] == albedo[i]
-        && guide_normal[i] == normal[i]
+        && guide_albedo[i][..3] == albedo[i][..3]
+        && guide_normal[i][..3] == normal[i][..3]
         && guide_position[i][..3] == position[i][..3]
         && vector(guide_position).w == 1.0
 }
@@ -484,9 +507,9 @@ fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
                         doubtful += usize::from(fault == Fault::None);
                         false
                     }
-                    Ok(visible) => {
-                        missed += usize::from(fault == Fault::None && visible.is_none());
-                        !same(&outcome, *i, &visible)
+                    Ok(seen) => {
+                        missed += usize::from(fault == Fault::None && seen.visible.is_none());
+                        !same(&outcome, *i, &seen)
                     }
                 };
                 (0..count).filter(differs).collect::<Vec<usize>>()
@@ -508,10 +531,43 @@ fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
             assert!(missed > 20, "no pixel shows nothing");
             let oracle = Oracle { scene: &stage.scene, camera: &camera, tile, fault: Fault::None };
             let mut met = vec![0; stage.scene.materials.len()];
-            (0..count).filter_map(|i| oracle.see(i).ok()?).for_each(|visible| met[visible.material] += 1);
+            (0..count).filter_map(|i| oracle.see(i).ok()?.visible).for_each(|visible| met[visible.material] += 1);
             assert!(met.iter().all(|n| *n > 20), "pixels of each material: {met:?}");
         }
     }
+}
+
+/// What the pass writes for a view of specular surfaces: albedo, normal and position as AOVs, then as guides.
+fn seen_over_chains(gpu: &Gpu, scene: Scene, camera: &Camera, size: [u32; 2], samples: u32) -> [Vec<Vec4>; 6] {
+    let stage = Stage::new(gpu, scene, camera, size, Technique::TWO_PASS, |features| {
+        features
+            .with(Feature::AovAlbedo, true)
+            .with(Feature::AovNormal, true)
+            .with(Feature::AovPosition, true)
+            .with(Feature::Guides, true)
+    });
+    assert!(stage.features.has(Feature::SpecularChains), "no mirror and no clear glass");
+    let tile = Tile { centred: 1, ..whole(size, samples) };
+    let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
+    let count = tile.point_count as usize;
+    let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
+    let poisoned = |name: &str| Some(gpu.poisoned::<[u32; 4]>(name, count + 1).unwrap());
+    buffers.albedo_samples = poisoned("test/albedo");
+    buffers.normal_samples = poisoned("test/normals");
+    buffers.position_samples = poisoned("test/positions");
+    buffers.guides = Some(poisoned_guides(gpu, count));
+    let mut frame = gpu.frame("test");
+    pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap().record(&mut frame, &tile);
+    frame.submit().unwrap();
+    let read = |buffer: &kernel_kit::Buffer| -> Vec<Vec4> {
+        let mut words: Vec<[u32; 4]> = gpu.read(buffer, count + 1).unwrap();
+        assert_eq!(words.pop(), Some([POISON; 4]), "past the end of {}", buffer.label);
+        words.iter().map(|vector| Vec4::from_array(vector.map(f32::from_bits))).collect()
+    };
+    let aovs = [&buffers.albedo_samples, &buffers.normal_samples, &buffers.position_samples];
+    let [albedo, normal, position] = aovs.map(|aov| read(aov.as_ref().unwrap()));
+    let guides = buffers.guides.as_ref().unwrap();
+    [albedo, normal, position, read(&guides.albedo), read(&guides.normal), read(&guides.position)]
 }
 
 /// A mirror in front of the camera, and behind the camera a wall: the guides are of the wall, in the mirror's colour.
@@ -524,41 +580,45 @@ fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
     let painted = Material { base_colour: Vec4::new(0.2, 0.4, 0.8, 1.0), ..surface(0.5, 1.0) };
     let scene = scene(&[(mirror, polished(Vec4::new(1.0, 0.8, 0.6, 1.0))), (wall, painted)], Vec::new());
     let camera = camera(DVec3::new(0.0, 0.0, 0.2), DVec3::new(0.0, 0.0, -0.5), 1.0);
-    let size = [9, 9];
-    let stage = Stage::new(gpu, scene, &camera, size, Technique::TWO_PASS, |features| {
-        features
-            .with(Feature::AovAlbedo, true)
-            .with(Feature::AovNormal, true)
-            .with(Feature::AovPosition, true)
-            .with(Feature::Guides, true)
-    });
-    assert!(stage.features.has(Feature::SpecularChains), "no mirror");
-    let tile = Tile { centred: 1, ..whole(size, 1) };
-    let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
-    let count = tile.point_count as usize;
-    let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
-    let poisoned = |name: &str| Some(gpu.poisoned::<[u32; 4]>(name, count + 1).unwrap());
-    buffers.albedo_samples = poisoned("test/albedo");
-    buffers.normal_samples = poisoned("test/normals");
-    buffers.guides = Some(poisoned_guides(gpu, count));
-    let mut frame = gpu.frame("test");
-    pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap().record(&mut frame, &tile);
-    frame.submit().unwrap();
-    let centre = |buffer: &kernel_kit::Buffer| {
-        let vectors: Vec<[u32; 4]> = gpu.read(buffer, count + 1).unwrap();
-        assert_eq!(vectors[count], [POISON; 4]);
-        Vec4::from_array(vectors[count / 2].map(f32::from_bits))
-    };
-    let [albedo, normal] = [&buffers.albedo_samples, &buffers.normal_samples].map(|aov| centre(aov.as_ref().unwrap()));
+    let seen = seen_over_chains(gpu, scene, &camera, [9, 9], 1);
+    let centre = seen.each_ref().map(|list| list[list.len() / 2]);
+    let [albedo, normal, _, guide_albedo, guide_normal, guide_position] = centre;
     assert!((albedo - Vec4::new(1.0, 0.8, 0.6, 1.0)).abs().max_element() < 1e-3, "the AOV is the mirror's: {albedo}");
     assert!((normal - Vec4::new(0.0, 0.0, 1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");
-    let guides = buffers.guides.as_ref().unwrap();
-    let [albedo, normal, position] = [&guides.albedo, &guides.normal, &guides.position].map(centre);
-    // The mirror reflects its colour straight on.
-    assert!((albedo - Vec4::new(0.2, 0.32, 0.48, 1.0)).abs().max_element() < 1e-3, "{albedo}");
-    assert!((normal - Vec4::new(0.0, 0.0, -1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");
+    // The mirror reflects its colour straight on, and chance decides nothing.
+    assert!((guide_albedo - Vec4::new(0.2, 0.32, 0.48, 0.0)).abs().max_element() < 1e-3, "{guide_albedo}");
+    assert!((guide_normal - Vec4::new(0.0, 0.0, -1.0, 0.0)).abs().max_element() < 1e-3, "{guide_normal}");
     // The narrowest lobe, of alpha 0.001, turns rays by some thousandths over a distance of 1.1.
-    assert!((position - Vec4::new(0.0, 0.0, 0.6, 1.0)).abs().max_element() < 5e-3, "{position}");
+    assert!((guide_position - Vec4::new(0.0, 0.0, 0.6, 1.0)).abs().max_element() < 5e-3, "{guide_position}");
+}
+
+/// A pane of clear glass between two walls: the guides are of the wall in front where the ray is refracted, and of the
+/// one behind the camera where it is reflected, which chance decides.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn guides_tell_what_chance_chose(gpu: &Gpu) {
+    let pane = square(DVec3::ZERO, DVec3::X * 0.4, DVec3::Y * 0.4);
+    let front = square(DVec3::new(0.0, 0.0, -0.5), DVec3::X * 1.3, DVec3::Y * 1.3);
+    let behind = square(DVec3::new(0.0, 0.0, 0.6), DVec3::NEG_X * 1.3, DVec3::Y * 1.3);
+    let glass = Material {
+        roughness: 0.0,
+        transmission: Transmission::with_factor(1.0),
+        specular: Specular::default(),
+        ..surface(1.0, 0.0)
+    };
+    let scene = scene(&[(pane, glass), (front, surface(0.5, 1.0)), (behind, surface(0.25, 1.0))], Vec::new());
+    let camera = camera(DVec3::new(0.0, 0.0, 0.3), DVec3::NEG_Z, 2.0);
+    let [_, _, first, albedo, normal, position] = seen_over_chains(gpu, scene, &camera, [40, 40], 4);
+    let mut counts = [0; 3];
+    for i in 0..first.len() {
+        // Beside the pane chance decides nothing.
+        let on_pane = first[i].z.abs() < 1e-3;
+        let reflected = position[i].z > 0.5;
+        counts[usize::from(on_pane) + usize::from(reflected)] += 1;
+        let expected = [on_pane, reflected].map(|is_so| f32::from(u8::from(is_so)));
+        assert_eq!([albedo[i].w, normal[i].w], expected, "sample {i} at {} of {}", position[i], first[i]);
+    }
+    // Fresnel: 4 % at the middle, and more towards the sides.
+    assert!(counts.iter().all(|count| *count > 100), "samples beside the pane, through it, and reflected: {counts:?}");
 }
 
 /// Tiles of rows, parts of the image, and samples rendered one by one, give the same bits as the whole image.

@@ -1,5 +1,6 @@
 //! Denoising: filters that remove noise from the image of a render, and the mixture of what they give.
 
+pub mod chance;
 pub mod mixture;
 #[cfg(feature = "oidn")]
 mod oidn;
@@ -57,7 +58,8 @@ impl Light {
     }
 }
 
-/// What is seen through a pixel, over mirrors and through clear glass.
+/// What is seen through a pixel, over mirrors and through clear glass; of two surfaces of which chance shows one, the
+/// mixture ([`chance`]).
 pub struct Guides {
     /// Base colour, 0 to 1.
     pub albedo: Vec<Colour>,
