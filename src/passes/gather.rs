@@ -72,7 +72,8 @@ shared_struct! {
 
 const _: () = assert!(RECORD_HEAD_TEXELS as usize * size_of::<[f32; 4]>() == size_of::<RecordHead>());
 
-/// Rays in a dispatch: 4 MiB of results, and too short for a desktop's watchdog to stop it.
+/// Maximum number of rays in a dispatch, unless a record has more: 4 MiB of results, and too short for a desktop's
+/// watchdog to stop it.
 const BATCH_RAYS: u32 = 1 << 18;
 
 /// The pass; see `shaders/gather.wgsl`.
@@ -87,6 +88,8 @@ pub struct RecordBuffers {
     pub heads: Buffer,
     /// Irradiance and gradients; see `shaders/lib/record.wgsl`.
     pub values: Buffer,
+    /// Points that get a record.
+    wanted: Buffer,
     /// Words of the values of a record.
     value_words: usize,
 }
@@ -108,6 +111,7 @@ impl RecordBuffers {
             origins: gpu.buffer::<RecordOrigin>("penumbra/gather/origins", records)?,
             heads: gpu.buffer::<RecordHead>("penumbra/gather/record_heads", records)?,
             values: gpu.buffer::<[f32; 4]>("penumbra/cache/values", whole_rows(records * texels))?,
+            wanted: gpu.buffer::<u32>("penumbra/gather/wanted", records)?,
             value_words: 4 * texels,
         })
     }
@@ -145,7 +149,7 @@ impl RecordBuffers {
 
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
-        self.origins.bytes + self.heads.bytes + self.values.bytes
+        self.origins.bytes + self.heads.bytes + self.values.bytes + self.wanted.bytes
     }
 }
 
@@ -195,11 +199,61 @@ pub struct BoundGather {
     arrange_follow: BoundKernel,
     follow: BoundKernel,
     record: BoundKernel,
-    wanted: Buffer,
-    heads: Buffer,
+    records: RecordBuffers,
+    rays: RayBuffers,
+    wave: Wave,
+}
+
+/// The rays of a dispatch. Those for many rays take a while to make, and most waves have few: so they grow as they are
+/// needed, and are kept from wave to wave.
+#[derive(Clone)]
+pub struct RayBuffers {
+    gathered: Buffer,
     follow_count: Buffer,
     follow_arguments: Buffer,
-    wave: Wave,
+    follow_rays: Buffer,
+    follow_hits: Buffer,
+    /// Their capacity, in rays.
+    room: u32,
+}
+
+impl RayBuffers {
+    /// Room for `room` rays.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn new(gpu: &Gpu, room: u32) -> Result<RayBuffers> {
+        let rays = room as usize;
+        Ok(RayBuffers {
+            gathered: gpu.buffer::<[f32; 4]>("penumbra/gather/gathered", rays)?,
+            follow_count: gpu.buffer::<u32>("penumbra/gather/follow_count", 1)?,
+            follow_arguments: gpu.buffer::<u32>("penumbra/gather/follow_arguments", 3)?,
+            follow_rays: gpu.buffer::<u32>("penumbra/gather/follow_rays", rays)?,
+            follow_hits: gpu.buffer::<[f32; 4]>("penumbra/gather/follow_hits", rays)?,
+            room,
+        })
+    }
+
+    /// Makes room for a wave of `rays` rays of each of `records` records, or for [`BATCH_RAYS`] where those are fewer.
+    /// Returns whether the buffers are others now.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn grow(&mut self, gpu: &Gpu, records: u32, rays: u32) -> Result<bool> {
+        let most = BATCH_RAYS.max(rays);
+        let needed = records.saturating_mul(rays).min(most);
+        if needed <= self.room {
+            return Ok(false);
+        }
+        *self = RayBuffers::new(gpu, needed.max(2 * self.room).min(most))?;
+        Ok(true)
+    }
+
+    /// Bytes of all of them.
+    pub fn bytes(&self) -> u64 {
+        let RayBuffers { gathered, follow_count, follow_arguments, follow_rays, follow_hits, .. } = self;
+        [gathered, follow_count, follow_arguments, follow_rays, follow_hits].map(|buffer| buffer.bytes).iter().sum()
+    }
 }
 
 impl Gather {
@@ -211,7 +265,7 @@ impl Gather {
         Ok(Gather(kernel(gpu, "gather", features, constants, &[GatherBindings::DECLARED])?))
     }
 
-    /// Binds it to a tile's buffers, for a wave of rays of records.
+    /// Binds it to a tile's buffers, for a wave of rays of records. Buffers of rays have room for a record's.
     ///
     /// # Errors
     /// As [`Kernel::bind`] and [`Gpu::buffer`].
@@ -220,23 +274,19 @@ impl Gather {
         gpu: &Gpu,
         tile: &TileBuffers,
         wave: Wave,
-        records: &RecordBuffers,
+        (records, rays): (&RecordBuffers, &RayBuffers),
         scene: &[&dyn Bindings],
     ) -> Result<BoundGather> {
-        let rays = BATCH_RAYS.max(wave.rays) as usize;
-        let points = tile.capacity() as usize;
-        let wanted = gpu.buffer::<u32>("penumbra/gather/wanted", points)?;
-        let follow_count = gpu.buffer::<u32>("penumbra/gather/follow_count", 1)?;
-        let follow_arguments = gpu.buffer::<u32>("penumbra/gather/follow_arguments", 3)?;
+        assert!(wave.rays <= rays.room, "no room for the {} rays of a record", wave.rays);
         let own = GatherBindings {
             counters: &tile.counters,
-            wanted: &wanted,
+            wanted: &records.wanted,
             wave_points: &gpu.upload("penumbra/gather/wave_points", &wave.points())?,
-            gathered: &gpu.buffer::<[f32; 4]>("penumbra/gather/gathered", rays)?,
-            follow_count: &follow_count,
-            follow_arguments: &follow_arguments,
-            follow_rays: &gpu.buffer::<u32>("penumbra/gather/follow_rays", rays)?,
-            follow_hits: &gpu.buffer::<[f32; 4]>("penumbra/gather/follow_hits", rays)?,
+            gathered: &rays.gathered,
+            follow_count: &rays.follow_count,
+            follow_arguments: &rays.follow_arguments,
+            follow_rays: &rays.follow_rays,
+            follow_hits: &rays.follow_hits,
             record_origins: &records.origins,
             record_heads: &records.heads,
             record_values: &records.values,
@@ -250,10 +300,8 @@ impl Gather {
             arrange_follow: entry("arrange_follow")?,
             follow: entry("follow")?,
             record: entry("record")?,
-            wanted,
-            heads: records.heads.clone(),
-            follow_count,
-            follow_arguments,
+            records: records.clone(),
+            rays: rays.clone(),
             wave,
         })
     }
@@ -289,7 +337,7 @@ impl BoundGather {
     /// # Errors
     /// As [`Gpu::check`].
     pub fn place(&self, gpu: &Gpu, wanted: &[u32], before: u32, settings: GatherSettings) -> Result<Vec<RecordHead>> {
-        gpu.write(&self.wanted, wanted);
+        gpu.write(&self.records.wanted, wanted);
         let records = before..before + wanted.len() as u32;
         let mut frame = gpu.frame("gather");
         frame.run(&self.place, wanted.len() as u32, &self.parameters(&records, settings));
@@ -302,19 +350,19 @@ impl BoundGather {
     /// # Errors
     /// As [`Gpu::check`].
     pub fn gather(&self, gpu: &Gpu, records: Range<u32>, settings: GatherSettings) -> Result<Vec<RecordHead>> {
-        let batch = (BATCH_RAYS / self.wave.rays).max(1);
+        let batch = (self.rays.room / self.wave.rays).max(1);
         for first in records.clone().step_by(batch as usize) {
             let part = first..(first + batch).min(records.end);
             let parameters = self.parameters(&part, settings);
             let mut frame = gpu.frame("gather");
-            frame.clear(&self.follow_count);
+            frame.clear(&self.rays.follow_count);
             frame.run(&self.gather, parameters.count * self.wave.rays, &parameters);
             frame.run(&self.arrange_follow, 1, &parameters);
-            frame.run_indirect(&self.follow, &self.follow_arguments, 0, &parameters);
+            frame.run_indirect(&self.follow, &self.rays.follow_arguments, 0, &parameters);
             frame.run(&self.record, parameters.count, &parameters);
             frame.submit()?;
         }
-        let heads = gpu.read::<RecordHead>(&self.heads, records.end as usize)?;
+        let heads = gpu.read::<RecordHead>(&self.records.heads, records.end as usize)?;
         Ok(heads[records.start as usize..].to_vec())
     }
 }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 use kernel_kit::{Binding, Bindings, Buffer, Gpu, POISON, Table, TableFormat, kernel_test, whole_rows};
-use penumbra::internal::passes::gather::{Gather, GatherSettings, RecordBuffers, RecordHead, Wave};
+use penumbra::internal::passes::gather::{Gather, GatherSettings, RayBuffers, RecordBuffers, RecordHead, Wave};
 use penumbra::internal::passes::grid::{Grid, Photon, SortedPhotons};
 use penumbra::internal::passes::irradiance::irradiance_point_grid;
 use penumbra::internal::passes::{Point, TileBuffers};
@@ -169,8 +169,12 @@ impl<'a> Gathering<'a> {
         buffers.values = gpu.poisoned::<[f32; 4]>("test/values", whole_rows(count + 1)).unwrap();
         let pass = Gather::new(gpu, features, &self.stage.gpu_scene.constants()).unwrap();
         let sets: [&dyn Bindings; 2] = [&self.stage.gpu_scene, self.known];
-        let bound: Vec<_> =
-            self.waves.iter().map(|wave| pass.bind(gpu, &tile, *wave, &buffers, &sets).unwrap()).collect();
+        let mut ray_buffers = RayBuffers::new(gpu, 0).unwrap();
+        for wave in self.waves {
+            ray_buffers.grow(gpu, wanted.len().max(1) as u32, wave.rays).unwrap();
+        }
+        let bind = |wave: &Wave| pass.bind(gpu, &tile, *wave, (&buffers, &ray_buffers), &sets).unwrap();
+        let bound: Vec<_> = self.waves.iter().map(bind).collect();
         let records = seeds.map(|seed| {
             let settings = GatherSettings { max_bounces: self.max_bounces, seed, height: HEIGHT };
             let mut heads = bound[0].place(gpu, wanted, self.before, settings).unwrap();
@@ -468,7 +472,9 @@ fn waves_add_up(gpu: &Gpu) {
     let buffers = RecordBuffers::new(gpu, features, point_count).unwrap();
     let pass = Gather::new(gpu, features, &stage.gpu_scene.constants()).unwrap();
     let sets: [&dyn Bindings; 2] = [&stage.gpu_scene, &known];
-    let bind = |wave: &Wave| pass.bind(gpu, &tile, *wave, &buffers, &sets).unwrap();
+    // Room for the rays of some records at a time.
+    let ray_buffers = RayBuffers::new(gpu, 1000).unwrap();
+    let bind = |wave: &Wave| pass.bind(gpu, &tile, *wave, (&buffers, &ray_buffers), &sets).unwrap();
     let settings = GatherSettings { max_bounces: 64, seed: 7, height: HEIGHT };
     let wanted: Vec<u32> = (0..point_count).collect();
     bind(&IN_WAVES[0]).place(gpu, &wanted, 0, settings).unwrap();
