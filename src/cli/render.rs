@@ -318,7 +318,16 @@ impl Session<'_> {
                 compiled.and(renderer)
             },
             from,
-            |renderer| self.render(renderer),
+            |renderer| {
+                // With little time they may never be needed, and would take that of samples.
+                let later = if self.sampling.is_none() { renderer.later_kernels() } else { None };
+                let gpu = renderer.gpu();
+                thread::scope(|scope| {
+                    // What fails there fails again where the kernels are needed.
+                    later.map(|compile| scope.spawn(move || compile(gpu)));
+                    self.render(renderer)
+                })
+            },
         );
         rendered.map_err(|Failure { error, salvage }| {
             // A fault of a file occurs before the first sample or after the image was written.

@@ -25,9 +25,10 @@ use crate::statistics::totals::Totals;
 /// other's records, so the steps are small: a factor f makes up to f squared times as many records as needed.
 const SPACINGS: [u32; 9] = [32, 22, 16, 11, 8, 6, 4, 3, 2];
 
-/// Those beside the records of earlier waves, which leave few points without one: a spacing costs the same however many
-/// records it adds. With all nine `scenes/crowd.glb` took 1.2 times as long with 4 and with 16 samples.
-const LATER_SPACINGS: [u32; 3] = [8, 4, 2];
+/// Those beside the records of earlier waves, which leave few points without one: a spacing takes the same time however
+/// many records it adds. With all nine `scenes/crowd.glb` took 1.2 times as long with 4 and with 16 samples. Multiples
+/// of another look at the same points: with 8, 4 and 2 `scenes/materials.glb` had 1.15 times the error.
+const LATER_SPACINGS: [u32; 3] = [4, 3, 2];
 
 /// Number of the nine spacings beside records of other views, in a picture that is seen for a moment: paths light the
 /// points that are left. With all nine `scenes/crowd.glb` had 2.9 pictures a second in the window, with six 12.
@@ -103,26 +104,18 @@ impl IrradianceCache {
         Ok(IrradianceCache { buffers, bound, records })
     }
 
-    /// Adds gather rays to each record, twice as many as it has or fewer, until it has those of the settings; then
-    /// leaves out those that others have come to cover, and places new ones where others cover too little: more rays
-    /// know the distances of surfaces better. Returns the [`BoundCache`] of the records before.
+    /// Adds gather rays to each record until it has those of the settings, in waves of as many as it has; then leaves
+    /// out those that others have come to cover, and places new ones where others cover too little: more rays know the
+    /// distances of surfaces better. Returns the [`BoundCache`] of the records before.
     pub fn add_rays(&mut self, with: &Filling<'_>, totals: &mut Totals) -> Result<BoundCache> {
         let records = &mut self.records;
-        let wave = Wave { earlier: records.rays, rays: with.settings.gather_rays().saturating_sub(records.rays) };
-        if wave.rays > 0 {
+        let wanted = with.settings.gather_rays();
+        if records.rays < wanted {
             // The records before remain as they are.
             records.move_to(with, records.room)?;
-            let all = 0..records.heads.len() as u32;
-            records.ray_buffers.grow(with.gpu, all.end.max(1), wave.rays)?;
-            let bound = records.bind_gather(with, wave)?;
-            let mut frame = with.gpu.frame("gather");
-            frame.clear(&with.tile.counters);
-            frame.submit()?;
-            totals.gather_rays += u64::from(all.end) * u64::from(wave.rays);
-            records.heads = bound.gather(with.gpu, all, with.gather_settings())?;
-            let counters: Vec<u32> = with.gpu.read(&with.tile.counters, Counter::COUNT)?;
-            totals.add(&counters, 0);
-            records.rays += wave.rays;
+            while records.rays < wanted {
+                records.add_wave(with, wanted - records.rays, totals)?;
+            }
             records.leave_out_covered(with)?;
         }
         let bound = records.fill(with, &self.buffers, &LATER_SPACINGS, totals)?;
@@ -249,6 +242,24 @@ impl Records {
             totals.gather_rays += u64::from(pixel_count);
         }
         Ok(self.heads.len() > before)
+    }
+
+    /// Adds a wave of gather rays to each record: as many as it has, or `limit`.
+    fn add_wave(&mut self, with: &Filling<'_>, limit: u32, totals: &mut Totals) -> Result<()> {
+        let Filling { gpu, tile, .. } = *with;
+        let wave = Wave { earlier: self.rays, rays: limit.min(self.rays) };
+        let all = 0..self.heads.len() as u32;
+        self.ray_buffers.grow(gpu, all.end.max(1), wave.rays)?;
+        let bound = self.bind_gather(with, wave)?;
+        let mut frame = gpu.frame("gather");
+        frame.clear(&tile.counters);
+        frame.submit()?;
+        totals.gather_rays += u64::from(all.end) * u64::from(wave.rays);
+        self.heads = bound.gather(gpu, all, with.gather_settings())?;
+        let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT)?;
+        totals.add(&counters, 0);
+        self.rays += wave.rays;
+        Ok(())
     }
 
     /// Binds the pass that gathers a wave at the records.

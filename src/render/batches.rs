@@ -49,7 +49,7 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`Renderer::render_batch`].
     pub fn render_up_to(&mut self, limit: u32) -> Result<Progress> {
-        self.refine(&mut |_| true)?;
+        self.refine(&mut |_, _| true)?;
         self.add_samples(limit, self.settings.image.spp)
     }
 

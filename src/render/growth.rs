@@ -33,17 +33,19 @@ impl Growth {
     }
 }
 
-/// The relMSE by gather rays, of which the last wave was half, and changed the means by `changes`. The square of the
-/// error of filtered records falls in inverse proportion to the rays (docs/decisions.md, "Filtered records"), so what a
-/// half has taken away is as much as is left.
-pub(super) fn error_of_rays(changes: impl Iterator<Item = (f32, f32)>) -> f64 {
-    mean(changes.map(|(change, mean)| relative_square(change, mean)))
+/// The relMSE by gather rays, which are `factor` times as many as before they last became more, and then changed the
+/// means by `changes`. The square of the error of filtered records falls in inverse proportion to the rays
+/// (docs/decisions.md, "Filtered records"), so what twice as many have taken away is as much as is left.
+pub(super) fn error_of_rays(changes: impl Iterator<Item = (f32, f32)>, factor: f64) -> f64 {
+    mean(changes.map(|(change, mean)| relative_square(change, mean))) / (factor - 1.0)
 }
 
-/// Whether more rays gain more than more samples: while their part of the error is larger than that of the time. With
-/// errors e and s that fall in proportion to the times t and u, e + s is least for a time t + u where e / s is t / u.
-pub(super) fn wants_rays(error: f64, noise: f64, gather_rays: u64, other_rays: u64) -> bool {
-    error * other_rays as f64 > noise * gather_rays as f64
+/// Whether `factor` times as many rays gain more than more samples. With errors e and s that fall in proportion to the
+/// times t and u, e + s is least for a time t + u where the quotient of e / s and t / u is 1. The step divides the
+/// quotient by `factor` squared, and the samples until the next decision multiply it by four. So half of `factor` keeps
+/// it as far above 1 as below.
+pub(super) fn wants_rays(error: f64, noise: f64, gather_rays: u64, other_rays: u64, factor: f64) -> bool {
+    error * other_rays as f64 > 0.5 * factor * noise * gather_rays as f64
 }
 
 /// A single firefly counts as one wrong pixel, not as the error of the whole image.
@@ -88,14 +90,29 @@ mod tests {
     #[test]
     fn a_firefly_is_one_pixel() {
         let changes = [(f32::INFINITY, 1.0), (0.0, 1.0), (0.0, 0.0), (0.0, 5.0)];
-        assert!((error_of_rays(changes.into_iter()) - 0.25).abs() < 1e-12);
+        assert!((error_of_rays(changes.into_iter(), 2.0) - 0.25).abs() < 1e-12);
+    }
+
+    /// Of a mean of more and more numbers: what is left of its squared error follows from the change.
+    #[test]
+    fn the_error_left_is_that_of_the_mean() {
+        for (fewer, all) in [(16, 32), (16, 64), (8, 64)] {
+            // The variance of the mean of all, and that of the difference, for numbers of variance 1.
+            let (left, change) = (1.0 / f64::from(all), 1.0 / f64::from(fewer) - 1.0 / f64::from(all));
+            // The change of a bright pixel, of which the floor is a small part.
+            let found = error_of_rays([(change.sqrt() as f32, 100.0)].into_iter(), f64::from(all) / f64::from(fewer));
+            assert!((found * 1e4 / left - 1.0).abs() < 1e-5, "{fewer} of {all}: {found}, not {left}");
+        }
     }
 
     /// Rays are wanted while their share of the error is above their share of the cost, and never without error.
     #[test]
     fn shares_of_error_and_cost_are_balanced() {
-        assert!(wants_rays(2e-3, 1e-3, 100, 100) && !wants_rays(0.5e-3, 1e-3, 100, 100));
-        assert!(!wants_rays(2e-3, 1e-3, 300, 100) && wants_rays(0.5e-3, 1e-3, 10, 100));
-        assert!(!wants_rays(0.0, 1e-3, 0, 100) && !wants_rays(0.0, 0.0, 10, 10));
+        let wants = |error: f64, gather_rays: u64| wants_rays(error, 1e-3, gather_rays, 100, 2.0);
+        assert!(wants(2e-3, 100) && !wants(0.5e-3, 100) && !wants(2e-3, 300) && wants(0.5e-3, 10));
+        assert!(!wants(0.0, 0) && !wants_rays(0.0, 0.0, 10, 10, 2.0));
+        // A larger step is to come later.
+        assert!(wants_rays(1.5e-3, 1e-3, 100, 100, 2.0) && !wants_rays(1.5e-3, 1e-3, 100, 100, 4.0));
+        assert!(wants_rays(2.5e-3, 1e-3, 100, 100, 4.0));
     }
 }

@@ -34,13 +34,13 @@ impl Renderer<'_> {
         has_records && grows(&self.settings)
     }
 
-    /// Goes on to the stage that the next sample needs, and beyond while estimates ask for it and `fits` allows each
-    /// further one.
-    pub(super) fn refine(&mut self, fits: &mut dyn FnMut(&Self) -> bool) -> Result<()> {
+    /// Goes on to the stage that the next sample needs, and beyond while estimates ask for it, as far as `fits` allows
+    /// the stages.
+    pub(super) fn refine(&mut self, fits: &mut dyn FnMut(&Self, i32) -> bool) -> Result<()> {
         let start = Instant::now();
         let due = self.due_stage();
-        while self.stage < due && fits(self) {
-            self.go_on()?;
+        while self.stage < due && fits(self, self.stage + 1) {
+            self.go_on(self.stage + 1)?;
         }
         if self.estimates_growth() && self.samples > 0 {
             self.grow(fits)?;
@@ -58,16 +58,28 @@ impl Renderer<'_> {
     /// Goes on to a stage by way of those before it, without a film that needs to follow.
     pub(super) fn restore_stage(&mut self, stage: i32) -> Result<()> {
         while self.stage < stage {
-            self.add_rays()?;
+            self.add_rays(self.next_stage().min(stage))?;
         }
         Ok(())
     }
 
+    /// The stage after the one so far. Where there is an estimate it is the second one: each takes a while beside its
+    /// rays, for maps, filters and new places.
+    pub(super) fn next_stage(&self) -> i32 {
+        let is_known = self.estimates_growth() && self.stage > self.first_stage();
+        (self.stage + if is_known { 2 } else { 1 }).min(LAST_STAGE)
+    }
+
+    /// The next stage that fits, or the one before it if that does.
+    fn next_that_fits(&self, fits: &mut dyn FnMut(&Self, i32) -> bool) -> Option<i32> {
+        (self.stage + 1..=self.next_stage()).rev().find(|stage| fits(self, *stage))
+    }
+
     /// Adds gather rays while the samples and rays so far tell that they gain more than samples.
-    fn grow(&mut self, fits: &mut dyn FnMut(&Self) -> bool) -> Result<()> {
+    fn grow(&mut self, fits: &mut dyn FnMut(&Self, i32) -> bool) -> Result<()> {
         let is_early = self.growth.as_ref().is_some_and(|growth| !growth.is_due(self.samples));
         // What does not fit now may fit later, if there is more time.
-        if self.stage == LAST_STAGE || is_early || (self.growth.is_some() && !fits(self)) {
+        if self.stage == LAST_STAGE || is_early || (self.growth.is_some() && self.next_that_fits(fits).is_none()) {
             return Ok(());
         }
         let mut means = self.pixel_means()?;
@@ -75,14 +87,16 @@ impl Renderer<'_> {
         if let Some(growth) = self.growth.take() {
             let noise = growth.noise(&means, self.samples);
             error = growth.error;
-            while self.stage < LAST_STAGE && fits(self) {
+            while let Some(stage) = self.next_that_fits(fits) {
+                let factor = f64::from(stage - self.stage).exp2();
                 // Those of samples: photons may be those of another view.
                 let Rays { gather, camera, shadow, audit, bounce, .. } = self.totals.rays();
-                if error.is_some_and(|error| !wants_rays(error, noise, gather, camera + shadow + audit + bounce)) {
+                let others = camera + shadow + audit + bounce;
+                if error.is_some_and(|error| !wants_rays(error, noise, gather, others, factor)) {
                     break;
                 }
-                let changes = self.go_on()?;
-                error = Some(error_of_rays(changes.iter().copied().zip(means.iter().copied())));
+                let changes = self.go_on(stage)?;
+                error = Some(error_of_rays(changes.iter().copied().zip(means.iter().copied()), factor));
             }
         }
         if self.stage > first {
@@ -107,17 +121,17 @@ impl Renderer<'_> {
         Ok(means)
     }
 
-    /// Goes on to the next stage. The samples so far then have its indirect light too. Returns the change of each
-    /// pixel, the mean of its channels; nothing if no sample changes.
-    fn go_on(&mut self) -> Result<Vec<f32>> {
-        match self.add_rays()? {
+    /// Goes on to a stage. The samples so far then have its indirect light too. Returns the change of each pixel, the
+    /// mean of its channels; nothing if no sample changes.
+    fn go_on(&mut self, stage: i32) -> Result<Vec<f32>> {
+        match self.add_rays(stage)? {
             Some(before) if self.samples > 0 && self.piece_sums.is_none() => self.correct_samples(&before),
             _ => Ok(Vec::new()),
         }
     }
 
-    /// Goes on to the next stage. Returns the irradiance cache of the last one.
-    fn add_rays(&mut self) -> Result<Option<BoundCache>> {
+    /// Goes on to a stage. Returns the irradiance cache of the last one.
+    fn add_rays(&mut self, stage: i32) -> Result<Option<BoundCache>> {
         let is_first = self.stage == self.first_stage();
         let Some(indirect) = &mut self.lighting.indirect else { return Ok(None) };
         if self.has_other_views && is_first {
@@ -132,10 +146,10 @@ impl Renderer<'_> {
             kernels: &self.indirect_kernels,
             primary: &self.primary,
             camera: &CameraUniform::new(&self.camera, self.settings.image.width, self.settings.image.height),
-            settings: &settings_of_stage(&self.settings, self.stage + 1),
+            settings: &settings_of_stage(&self.settings, stage),
         };
         let before = indirect.add_rays(&setup, earlier, &mut self.totals)?;
-        self.stage += 1;
+        self.stage = stage;
         Ok(before)
     }
 

@@ -44,7 +44,7 @@ impl Renderer<'_> {
     /// As [`Renderer::render_batch`].
     pub fn render_batch_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
         if let Some(sample) = self.seconds_per_sample {
-            let refinement = if self.may_refine() { self.next_stage_seconds() } else { 0.0 };
+            let refinement = if self.may_refine() { self.seconds_to(self.next_stage()) } else { 0.0 };
             if refinement + sample * f64::from(self.next_layers()) > seconds {
                 return Ok(None);
             }
@@ -55,16 +55,16 @@ impl Renderer<'_> {
     /// Adds indirect light that leaves enough of `seconds`.
     fn refine_within(&mut self, seconds: f64) -> Result<()> {
         let start = Instant::now();
-        self.refine(&mut |renderer| {
+        self.refine(&mut |renderer, stage| {
             let left = seconds - start.elapsed().as_secs_f64();
-            renderer.next_stage_seconds() <= REFINEMENT_SHARE * left
+            renderer.seconds_to(stage) <= REFINEMENT_SHARE * left
         })
     }
 
-    /// Expected seconds to go on to the next stage.
-    fn next_stage_seconds(&self) -> f64 {
+    /// Expected seconds to go on to a stage.
+    fn seconds_to(&self, stage: i32) -> f64 {
         let rays = |stage: i32| settings_of_stage(&self.settings, stage).gather_rays();
-        let rays = rays(self.stage + 1) - rays(self.stage);
+        let rays = rays(stage) - rays(self.stage);
         self.lighting.indirect.as_ref().map_or(0.0, |indirect| indirect.cost().of(1, rays))
     }
 }

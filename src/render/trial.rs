@@ -3,6 +3,8 @@
 use std::mem;
 use std::time::Instant;
 
+use kernel_kit::Gpu;
+
 use super::renderer::Renderer;
 use super::worth::{TRIAL_SAMPLES, decide_enough, is_on_trial, problem_of_photons, without_photons};
 use crate::Result;
@@ -33,6 +35,15 @@ impl Renderer<'_> {
         let reason = problem_of_all.unwrap_or("few samples fit the time");
         self.specialisation.explain(Feature::VisibilityMap, reason);
         Ok(())
+    }
+
+    /// What compiles the kernels of photons, if these may be made after the first sample, for a device that keeps
+    /// kernels ([`keep_kernels`](Gpu::keep_kernels)). Called on another thread while the first sample is rendered, it
+    /// spares later ones the wait. Its errors are those of [`kernel_kit::Kernel::new`].
+    pub fn later_kernels(&self) -> Option<impl FnOnce(&Gpu) -> Result<()> + Send + use<>> {
+        let features = self.with_photons.as_ref()?.features.clone();
+        let (constants, settings) = (self.gpu_scene.constants(), self.settings.clone());
+        Some(move |gpu: &Gpu| DirectKernels::new(gpu, &features, &constants, &settings).map(|_| ()))
     }
 
     /// Makes the photons of visibility that are on trial, and asks them from now on.

@@ -1,6 +1,7 @@
 //! The trial of visibility photons in a render that did not ask for them.
 
 use glam::{DVec3, Vec3};
+use kernel_kit::{DeviceChoice, Gpu};
 use penumbra::internal::scene::{Camera, Light, LightKind, Material, Scene};
 use penumbra::{Aov, ImportOptions, Renderer, Settings, Technique};
 
@@ -92,6 +93,28 @@ fn photons_are_made_after_the_first_sample() {
         let statistics = renderer.statistics().unwrap();
         assert_eq!(statistics.rays.photon > 0, has[2]);
     }
+}
+
+/// The kernels of photons can be compiled while the first sample is rendered: none is missing then, and the image has
+/// the same bits. Where no photons may be made later there are none to compile.
+#[test]
+fn later_kernels_are_compiled_ahead() {
+    let settings = settings(Technique::SHADOW_PHOTONS);
+    let device = Gpu::open(&DeviceChoice::Name(gpu().info.name.clone())).unwrap();
+    device.keep_kernels();
+    let mut renderer = Renderer::new(&device, slats(Shadows::Simple), &view(), &settings).unwrap();
+    let first = device.kept_kernels();
+    renderer.later_kernels().unwrap()(&device).unwrap();
+    let all = device.kept_kernels();
+    assert!(all > first, "{first} kernels, and {all}");
+    render_to(&mut renderer, 2);
+    assert!(has_photons(&renderer) && renderer.later_kernels().is_none());
+    assert_eq!(device.kept_kernels(), all, "kernels that were not compiled ahead");
+    let mut plain = self::renderer(Shadows::Simple, &settings);
+    render_to(&mut plain, 2);
+    assert_eq!(renderer.image().unwrap().rgb(), plain.image().unwrap().rgb());
+    let requested = settings.with(|s| s.visibility_map.photons_per_light = Some(16_384));
+    assert!(self::renderer(Shadows::Simple, &requested).later_kernels().is_none());
 }
 
 /// Photons that decide few points are asked for eight samples; the others trace all shadow rays. The mean stays that of

@@ -193,9 +193,10 @@ impl Gpu {
         lock(&self.watch).clone()
     }
 
-    /// Number of kernels that are kept.
+    /// Number of kernels that are kept, when those have been made that are under way.
     pub fn kept_kernels(&self) -> usize {
-        self.kept().as_ref().map_or(0, Kept::len)
+        let kept: Vec<_> = self.kept().iter().flat_map(Kept::values).cloned().collect();
+        kept.iter().filter(|kernel| lock(kernel).is_some()).count()
     }
 
     /// The kept kernels; none if they are not to be kept.

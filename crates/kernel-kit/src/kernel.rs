@@ -4,7 +4,7 @@ use wgpu::naga;
 
 use crate::binding::{Bindings, Declared};
 use crate::compose::Composed;
-use crate::device::Gpu;
+use crate::device::{Gpu, lock};
 use crate::error::{Error, Result};
 use crate::layout::{OpaqueStruct, SharedStruct, check_layouts};
 use crate::pipeline::{Entries, Entry, Interface, Source, Undispatched};
@@ -74,7 +74,8 @@ impl Kernel {
     }
 
     /// The kernel that `make` makes. If the device keeps kernels ([`Gpu::keep_kernels`]), it is made for the first use
-    /// of `key` only, which must tell all kernels of the device apart: by source, features and constants.
+    /// of `key` only, which must tell all kernels of the device apart: by source, features and constants. Other threads
+    /// that use the key wait until it is made.
     ///
     /// # Errors
     /// Those of `make`.
@@ -83,14 +84,15 @@ impl Kernel {
         key: &str,
         make: impl FnOnce() -> std::result::Result<Kernel, E>,
     ) -> std::result::Result<Kernel, E> {
-        let kept = gpu.kept().as_ref().and_then(|kept| kept.get(key).cloned());
-        if let Some((name, entries)) = kept {
+        let Some(kept) = gpu.kept().as_mut().map(|kept| kept.entry(key.to_owned()).or_default().clone()) else {
+            return make();
+        };
+        let mut kept = lock(&kept);
+        if let Some((name, entries)) = kept.clone() {
             return Ok(Kernel { name, entries });
         }
         let kernel = make()?;
-        if let Some(kept) = gpu.kept().as_mut() {
-            kept.insert(key.to_owned(), (kernel.name.clone(), kernel.entries.clone()));
-        }
+        *kept = Some((kernel.name.clone(), kernel.entries.clone()));
         Ok(kernel)
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::num::NonZeroU64;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use wgpu::naga;
 
@@ -89,8 +89,11 @@ pub(crate) struct Entry {
 /// The entry points of a kernel by name.
 pub(crate) type Entries = BTreeMap<String, Entry>;
 
-/// Names and entry points of kernels that are kept, by key.
-pub(crate) type Kept = HashMap<String, (String, Entries)>;
+/// Kernels that are kept, by key.
+pub(crate) type Kept = HashMap<String, Arc<Mutex<KeptKernel>>>;
+
+/// Name and entry points of a kernel; none while it is made, by the thread that holds the lock.
+pub(crate) type KeptKernel = Option<(String, Entries)>;
 
 /// An entry point that has not been dispatched.
 pub(crate) struct Undispatched {

@@ -1,6 +1,8 @@
 //! Every item is worked on once, kernels compiled ahead run and are timed, and what a kernel forgets shows.
 
-use std::time::Instant;
+use std::sync::Barrier;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
 
 use kernel_kit::{
     Composer, DeviceChoice, Error, Features, Gpu, Host, Kernel, MAX_GROUPS, POISON, Resources, TABLE_LAYER_ROWS,
@@ -66,6 +68,37 @@ fn kept_kernels_are_made_once(gpu: &Gpu) {
         compare::must_catch("source", squares(&gpu, &kernel("other", &other).0, 65));
     }
     assert_eq!(gpu.kept_kernels(), 2);
+}
+
+/// Threads that want the same kernel at the same time wait for the one that makes it. One that fails leaves it to the
+/// next.
+#[kernel_test]
+fn kept_kernels_are_made_by_one_thread(gpu: &Gpu) {
+    let gpu = &Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
+    gpu.keep_kernels();
+    let (tried, made) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let wanted = Barrier::new(4);
+    let make = || {
+        if tried.fetch_add(1, Ordering::SeqCst) == 0 {
+            return Err(Error::NoDevice("the first one fails".to_owned()));
+        }
+        // Long enough for all to want it.
+        std::thread::sleep(Duration::from_millis(50));
+        made.fetch_add(1, Ordering::SeqCst);
+        Ok(square_kernel(gpu, SQUARES))
+    };
+    let want = || {
+        wanted.wait();
+        Kernel::kept(gpu, "squares", make)
+    };
+    let kernels = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..4).map(|_| scope.spawn(want)).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect::<Vec<_>>()
+    });
+    assert_eq!((tried.into_inner(), made.into_inner()), (2, 1));
+    let good: Vec<_> = kernels.iter().flatten().collect();
+    assert_eq!((good.len(), gpu.kept_kernels()), (3, 1));
+    good.iter().for_each(|kernel| squares(gpu, kernel, 65).unwrap());
 }
 
 const PAST_ONE_DIMENSION: usize = MAX_GROUPS as usize * 64 + 65;
