@@ -86,18 +86,18 @@ fn primary(
     @if(specular_chains) let chain = chain_from(&found, &direct, met, seed, sample_index, lane);
     if i >= tile.point_count { return; }
     @if(guides) {
-        var guide_albedo = vec4f(0.0, 0.0, 0.0, chance.x);
-        var guide_normal = vec4f(0.0, 0.0, 0.0, chance.y);
+        var guide_albedo = vec3f(0.0);
+        var guide_normal = vec3f(0.0);
         var guide_position = vec4f(0.0);
         if met {
-            guide_albedo = vec4f(found.base_colour, chance.x);
-            @if(specular_chains) { guide_albedo *= vec4f(chain.xyz, 1.0); }
-            guide_normal = vec4f(found.surface.shading_normal, chance.y);
+            guide_albedo = found.base_colour;
+            @if(specular_chains) { guide_albedo *= chain.xyz; }
+            guide_normal = found.surface.shading_normal;
             guide_position = vec4f(found.triangle_position, 1.0);
         }
         let room = arrayLength(&guide_samples) / 3u;
-        guide_samples[i] = guide_albedo;
-        guide_samples[room + i] = guide_normal;
+        guide_samples[i] = vec4f(guide_albedo, chance.x);
+        guide_samples[room + i] = vec4f(guide_normal, chance.y);
         guide_samples[2u * room + i] = guide_position;
     }
 

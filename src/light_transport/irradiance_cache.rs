@@ -164,19 +164,21 @@ impl Records {
         spacings: &[u32],
         totals: &mut Totals,
     ) -> Result<BoundCache> {
+        let mut with_radii = self.with_radii(with);
         let mut bound = None;
         for spacing in spacings {
             let records = match bound.take() {
                 Some(records) => records,
-                None => bind(with, buffers, &self.with_radii(with), &self.buffers.values)?,
+                None => bind(with, buffers, &with_radii, &self.buffers.values)?,
             };
-            if !self.fill_at(with, buffers, &records, *spacing, totals)? {
+            if self.fill_at(with, buffers, &records, *spacing, totals)? {
+                with_radii = self.with_radii(with);
+            } else {
                 bound = Some(records);
             }
         }
         totals.indirect.records = self.heads.len() as u64;
         totals.min_radius_records = self.smallest(with.settings.indirect.irradiance_cache.accuracy);
-        let with_radii = self.with_radii(with);
         let values = self.filtered_values(with, &with_radii)?;
         totals.indirect_bytes += self.buffers.bytes() + values.bytes;
         bind(with, buffers, &with_radii, &values)
@@ -249,7 +251,7 @@ impl Records {
         let Filling { gpu, tile, .. } = *with;
         let wave = Wave { earlier: self.rays, rays: limit.min(self.rays) };
         let all = 0..self.heads.len() as u32;
-        self.ray_buffers.grow(gpu, all.end.max(1), wave.rays)?;
+        self.ray_buffers.grow(gpu, all.end, wave.rays)?;
         let bound = self.bind_gather(with, wave)?;
         let mut frame = gpu.frame("gather");
         frame.clear(&tile.counters);

@@ -234,14 +234,14 @@ impl RayBuffers {
         })
     }
 
-    /// Makes room for a wave of `rays` rays of each of `records` records, or for [`BATCH_RAYS`] where those are fewer.
-    /// Returns whether the buffers are others now.
+    /// Makes room for a wave of `rays` rays of each of `records` records, or for [`BATCH_RAYS`] where those are fewer,
+    /// and in any case for one record. Returns whether the buffers are others now.
     ///
     /// # Errors
     /// As [`Gpu::buffer`].
     pub fn grow(&mut self, gpu: &Gpu, records: u32, rays: u32) -> Result<bool> {
         let most = BATCH_RAYS.max(rays);
-        let needed = records.saturating_mul(rays).min(most);
+        let needed = records.max(1).saturating_mul(rays).min(most);
         if needed <= self.room {
             return Ok(false);
         }

@@ -5,7 +5,7 @@ use glam::{DVec3, DVec4};
 use kernel_kit::Gpu;
 use rayon::prelude::*;
 
-use super::denoise::chance::{Seen, settle_choices};
+use super::denoise::chance::{Seen, settled};
 use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
 use super::picture::{Quantity, Sums, colour_of, means};
 use super::tiles::first_half;
@@ -48,7 +48,7 @@ pub(super) fn add_denoised(
 pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
     let [albedo, normal, position] = [Quantity::GuideAlbedo, Quantity::GuideNormal, Quantity::GuidePosition]
         .map(|quantity| means(sums, quantity).map(Option::unwrap_or_default));
-    let guides = guides_of(size, albedo?, normal?, position?);
+    let guides = guides_of(size, [&albedo?, &normal?, &position?]);
 
     let samples = |pixel: usize| sums.samples_of(pixel);
     let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
@@ -86,20 +86,20 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
 }
 
 /// The guides by the means of what pass `primary` wrote.
-fn guides_of(size: [u32; 2], albedo: Vec<DVec4>, normal: Vec<DVec4>, position: Vec<DVec4>) -> Guides {
+fn guides_of(size: [u32; 2], [albedo, normal, position]: [&[DVec4]; 3]) -> Guides {
     // Without what passes by: w is the share of samples that met a surface.
-    let met = |p: &DVec4| if p.w > 0.0 { p.truncate() / p.w } else { DVec3::ZERO };
-    let pixel = |i: usize| Seen {
+    let met = |p: DVec4| if p.w > 0.0 { p.truncate() / p.w } else { DVec3::ZERO };
+    let seen = |i: usize| Seen {
         choosing: albedo[i].w,
         chosen: normal[i].w,
-        guides: [albedo[i].truncate(), normal[i].truncate(), met(&position[i])],
+        guides: [albedo[i].truncate(), normal[i].truncate(), met(position[i])],
     };
-    let mut seen: Vec<Seen> = (0..albedo.len()).into_par_iter().map(pixel).collect();
-    settle_choices(size, &mut seen);
-    let guide = |k: usize| seen.par_iter().map(|seen| seen.guides[k].as_vec3().to_array()).collect::<Vec<Colour>>();
-    let mut albedo = guide(0);
-    albedo.par_iter_mut().for_each(|pixel| *pixel = pixel.map(|x| x.clamp(0.0, 1.0)));
-    Guides { albedo, normal: guide(1), position: guide(2) }
+    let pixel = |i: usize| {
+        let [albedo, normal, position] = settled(size, &seen, i).map(|guide| guide.as_vec3().to_array());
+        (albedo.map(|x| x.clamp(0.0, 1.0)), (normal, position))
+    };
+    let (albedo, (normal, position)) = (0..albedo.len()).into_par_iter().map(pixel).unzip();
+    Guides { albedo, normal, position }
 }
 
 /// The parts of one half of the samples. The variances of their means are those of all samples times `factor`.

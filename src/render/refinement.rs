@@ -70,7 +70,7 @@ impl Renderer<'_> {
         (self.stage + if is_known { 2 } else { 1 }).min(LAST_STAGE)
     }
 
-    /// The next stage that fits, or the one before it if that does.
+    /// The next stage if it fits, else the one before it if that does.
     fn next_that_fits(&self, fits: &mut dyn FnMut(&Self, i32) -> bool) -> Option<i32> {
         (self.stage + 1..=self.next_stage()).rev().find(|stage| fits(self, *stage))
     }

@@ -1,7 +1,7 @@
 //! Guides where chance chooses what samples show, on made-up images whose mixtures are known.
 
 use glam::DVec3;
-use penumbra::internal::render::denoise::chance::{Seen, settle_choices};
+use penumbra::internal::render::denoise::chance::{Seen, settled};
 
 use crate::random::Random;
 
@@ -26,6 +26,12 @@ fn mixed(samples: u32, front: impl Fn(usize) -> f64, back: impl Fn(usize) -> f64
     (0..(SIZE[0] * SIZE[1]) as usize).map(pixel).collect()
 }
 
+/// The pixels with the guides that each of them gets.
+fn settle(seen: &[Seen]) -> Vec<Seen> {
+    let pixel = |i: usize| Seen { guides: settled(SIZE, &|other| seen[other], i), ..seen[i] };
+    (0..seen.len()).map(pixel).collect()
+}
+
 /// The largest distance of an albedo's red from that of a mixture, which `expected` gives for each pixel.
 fn worst(seen: &[Seen], expected: impl Fn(usize) -> f64) -> f64 {
     seen.iter().enumerate().map(|(i, pixel)| (pixel.guides[0].x - expected(i)).abs()).fold(0.0, f64::max)
@@ -44,8 +50,7 @@ fn share_around(seen: &[Seen], i: usize) -> f64 {
 fn two_surfaces_become_their_mixture() {
     for samples in [1, 4, 64] {
         let seen = mixed(samples, |_| 0.9, |_| 0.1);
-        let mut settled = seen.clone();
-        settle_choices(SIZE, &mut settled);
+        let settled = settle(&seen);
         let mixture = |i: usize| {
             let share = share_around(&seen, i);
             0.9 * share + 0.1 * (1.0 - share)
@@ -72,8 +77,7 @@ fn textures_behind_glass_stay() {
     let squares =
         |i: usize| if (i % SIZE[0] as usize / 2 + i / SIZE[0] as usize / 2).is_multiple_of(2) { 0.2 } else { 0.8 };
     let seen = mixed(1, |_| 0.5, squares);
-    let mut settled = seen.clone();
-    settle_choices(SIZE, &mut settled);
+    let settled = settle(&seen);
     // Pixels that show the texture, by its two colours.
     let mean_of = |colour: f64| {
         let shows = |i: &usize| seen[*i].chosen == 0.0 && squares(*i) == colour;
@@ -93,8 +97,7 @@ fn what_is_settled_stays() {
     even.iter_mut().for_each(|pixel| {
         *pixel = Seen { choosing: 1.0, chosen: 0.25, guides: guides(random.uniform()) };
     });
-    let mut settled = even.clone();
-    settle_choices(SIZE, &mut settled);
+    let settled = settle(&even);
     for (before, after) in even.iter().zip(&settled) {
         // Roundings of sums of 49 products, over the ridge.
         assert!((0..3).all(|k| before.guides[k].distance(after.guides[k]) < 1e-9), "{before:?} and {after:?}");
@@ -105,9 +108,8 @@ fn what_is_settled_stays() {
         seen.iter_mut().enumerate().filter(|(i, _)| i % (SIZE[0] as usize) < 20).for_each(|(i, pixel)| {
             *pixel = Seen { guides: guides(left * i as f64), ..Seen::default() };
         });
-        let before = seen.clone();
-        settle_choices(SIZE, &mut seen);
-        (before, seen)
+        let after = settle(&seen);
+        (seen, after)
     };
     let ((before, after), (_, others)) = (beside(1e-3), beside(0.5));
     let (mut kept, mut changed) = (0, 0);
@@ -121,5 +123,4 @@ fn what_is_settled_stays() {
         }
     }
     assert!(kept == 600 && changed > 500, "{kept}, {changed}");
-    settle_choices([0, 0], &mut []);
 }

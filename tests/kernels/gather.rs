@@ -171,7 +171,7 @@ impl<'a> Gathering<'a> {
         let sets: [&dyn Bindings; 2] = [&self.stage.gpu_scene, self.known];
         let mut ray_buffers = RayBuffers::new(gpu, 0).unwrap();
         for wave in self.waves {
-            ray_buffers.grow(gpu, wanted.len().max(1) as u32, wave.rays).unwrap();
+            ray_buffers.grow(gpu, wanted.len() as u32, wave.rays).unwrap();
         }
         let bind = |wave: &Wave| pass.bind(gpu, &tile, *wave, (&buffers, &ray_buffers), &sets).unwrap();
         let bound: Vec<_> = self.waves.iter().map(bind).collect();

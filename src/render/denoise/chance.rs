@@ -3,11 +3,10 @@
 //! none of them. Here every pixel gets the mixture that the pixels around it show on average.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Pixels around a pixel, on each side, that tell the two surfaces: reflections in glass are a twenty-fifth of what it
 /// shows, so that 7 x 7 pixels with a sample each have two.
-const REACH: i32 = 3;
+const REACH: usize = 3;
 
 /// Added to the variance of the choices: a single choice among 49 pixels has 0.02.
 const RIDGE: f64 = 1e-4;
@@ -23,30 +22,25 @@ pub struct Seen {
     pub guides: [DVec3; 3],
 }
 
-/// Removes from the guides of an image what the chosen shares of its pixels differ by chance.
+/// The guides of pixel `i` without what chance makes them differ from those around it; `seen` tells what a pixel shows.
 ///
 /// Around a pixel guides are fitted by `a + b chosen`. The pixel gets the fit at the mean share, and a part of its own
 /// distance from the fit: all where its share is the mean, and where its samples show only one surface the part that
 /// this surface has in the mixture.
-pub fn settle_choices([width, height]: [u32; 2], seen: &mut [Seen]) {
-    if seen.iter().all(|pixel| pixel.choosing == 0.0) {
-        return;
+pub fn settled([width, height]: [u32; 2], seen: &impl Fn(usize) -> Seen, i: usize) -> [DVec3; 3] {
+    let own = seen(i);
+    if own.choosing == 0.0 {
+        return own.guides;
     }
-    let [width, height] = [width as i32, height as i32];
-    let settled = |(i, own): (usize, &Seen)| -> [DVec3; 3] {
-        if own.choosing == 0.0 {
-            return own.guides;
+    let [width, height] = [width as usize, height as usize];
+    let around = |at: usize, side: usize| at.saturating_sub(REACH)..=(at + REACH).min(side - 1);
+    let mut sums = Sums::default();
+    for y in around(i / width, height) {
+        for other in around(i % width, width).map(|x| seen(y * width + x)).filter(|other| other.choosing > 0.0) {
+            sums.add(&other);
         }
-        let [x, y] = [i as i32 % width, i as i32 / width];
-        let [left, right] = [(x - REACH).max(0), (x + REACH).min(width - 1)];
-        let rows = (y - REACH).max(0)..=(y + REACH).min(height - 1);
-        let around = rows.flat_map(|row| &seen[(row * width + left) as usize..=(row * width + right) as usize]);
-        let mut sums = Sums::default();
-        around.filter(|other| other.choosing > 0.0).for_each(|other| sums.add(other));
-        sums.settled(own)
-    };
-    let guides: Vec<[DVec3; 3]> = seen.par_iter().enumerate().map(settled).collect();
-    seen.iter_mut().zip(guides).for_each(|(pixel, guides)| pixel.guides = guides);
+    }
+    sums.settled(&own)
 }
 
 /// Sums over the pixels around one.
