@@ -11,20 +11,25 @@ const OFF_PLANE: f32 = 99.0;
 const PER_NORMAL: f32 = 1.0 / 0.347_296_36;
 
 /// Records by the cell of a grid that they are in.
-pub(super) struct RecordGrid<'a> {
-    heads: &'a [RecordHead],
+pub(super) struct RecordGrid {
     /// Side of a cell.
     side: f32,
     cells: HashMap<[i32; 3], Vec<u32>>,
 }
 
-impl RecordGrid<'_> {
-    /// Cells of twice the mean of the distances that records `reach`, so that most reach into few of them.
-    pub fn new(heads: &[RecordHead], reach: impl Fn(usize) -> f32) -> RecordGrid<'_> {
+impl RecordGrid {
+    /// Of all records; see [`RecordGrid::of_some`].
+    pub fn new(heads: &[RecordHead], reach: impl Fn(usize) -> f32) -> RecordGrid {
+        RecordGrid::of_some(heads, 1, reach)
+    }
+
+    /// Of every `step`-th record. Cells of twice the mean of the distances that records `reach`, so that most reach
+    /// into few of them.
+    pub fn of_some(heads: &[RecordHead], step: usize, reach: impl Fn(usize) -> f32) -> RecordGrid {
         let sum: f64 = (0..heads.len()).map(|i| f64::from(reach(i))).sum();
         let side = (2.0 * sum / heads.len().max(1) as f64) as f32;
-        let mut grid = RecordGrid { heads, side: side.max(f32::MIN_POSITIVE), cells: HashMap::new() };
-        for (index, head) in (0..).zip(heads) {
+        let mut grid = RecordGrid { side: side.max(f32::MIN_POSITIVE), cells: HashMap::new() };
+        for (index, head) in (0..).zip(heads).step_by(step) {
             grid.cells.entry(grid.cell(Vec3::from(head.position))).or_default().push(index);
         }
         grid
@@ -42,7 +47,7 @@ impl RecordGrid<'_> {
         let (low, high) = (self.cell(here - reach), self.cell(here + reach));
         let cells: f64 = (0..3).map(|axis| f64::from(high[axis]) - f64::from(low[axis]) + 1.0).product();
         if cells > self.cells.len() as f64 {
-            return (0..self.heads.len()).for_each(found);
+            return self.cells.values().flatten().for_each(|index| found(*index as usize));
         }
         for x in low[0]..=high[0] {
             for y in low[1]..=high[1] {
@@ -59,6 +64,9 @@ impl RecordGrid<'_> {
 pub(super) fn weight(of: &RecordHead, at: &RecordHead) -> f32 {
     let (normal, other) = (Vec3::from(of.normal), Vec3::from(at.normal));
     let offset = Vec3::from(at.position) - Vec3::from(of.position);
+    if offset.length_squared() >= of.size * of.size {
+        return 0.0;
+    }
     let off_plane = offset.dot(0.5 * (normal + other));
     let distance = (offset.length_squared() + OFF_PLANE * off_plane * off_plane).sqrt() / of.size;
     let normal_distance = normal.distance(other) * PER_NORMAL;
