@@ -17,19 +17,21 @@ pub struct Choice {
 }
 
 /// What the first sample of the default technique takes on a software device of two cores, in seconds. Fitted to the
-/// scenes of `scenes/` at 512 x 512 pixels with kernels compiled before (docs/decisions.md, "A technique for the
-/// time").
+/// scenes of `scenes/` at 128, 256 and 512 pixels each way, with kernels compiled before (docs/decisions.md, "A
+/// technique for the time").
 mod seconds {
     /// Opening the device, reading and writing files.
     pub const FILES: f64 = 0.1;
     /// Composing kernels of Lambertian surfaces.
-    pub const KERNELS: f64 = 0.3;
+    pub const KERNELS: f64 = 0.27;
     /// More for kernels with glossy lobes or procedural objects.
-    pub const LARGE_KERNELS: f64 = 0.4;
+    pub const LARGE_KERNELS: f64 = 0.35;
+    /// The hierarchy, for a triangle.
+    pub const TRIANGLE: f64 = 1e-6;
     /// Irradiance records and camera rays, for a pixel.
-    pub const PIXEL: f64 = 1e-6;
+    pub const PIXEL: f64 = 6e-7;
     /// More for each doubling of the triangles.
-    pub const PIXEL_LEVEL: f64 = 6e-8;
+    pub const PIXEL_LEVEL: f64 = 3.6e-8;
     /// A path, for a pixel where there are glossy lobes.
     pub const PATH: f64 = 1.5e-6;
     /// A shadow ray with its share of shading.
@@ -37,15 +39,15 @@ mod seconds {
     /// More for each doubling of the triangles.
     pub const SHADOW_RAY_LEVEL: f64 = 1e-8;
     /// Photons that tell which lights reach a zone, for each of many lights.
-    pub const LIGHT_OF_ZONES: f64 = 1e-3;
+    pub const LIGHT_OF_ZONES: f64 = 7e-4;
 }
 
 /// Cores for which these were measured.
 const MEASURED_CORES: f64 = 2.0;
 
 /// Share of the expected time of the first sample from which on the default technique is tried. Where its first sample
-/// just fits, `path` has up to four times its error.
-const MIN_SHARE: f64 = 0.8;
+/// just fits, `path` has up to four times its error; and what is expected is more often too long than too short.
+const MIN_SHARE: f64 = 0.95;
 
 impl Choice {
     /// The technique for an image that is to be there `within` so many seconds, if it is to be at a time.
@@ -94,11 +96,13 @@ fn first_sample(scene: &Scene, camera: &Camera, settings: &Settings, cores: f64)
     let zones = if has_zones { scene.lights.len() as f64 * seconds::LIGHT_OF_ZONES } else { 0.0 };
     let part = settings.image.part();
     let pixels = f64::from(part.width) * f64::from(part.height);
-    let levels = (scene.triangles.len().max(1) as f64).log2();
+    let triangles = scene.triangles.len() as f64;
+    let levels = triangles.max(1.0).log2();
     let rays_of = |light: &Light| f64::from(light.kind.max_light_points(settings.shadow_rays.samples));
     let rays = lights * scene.lights.iter().map(rays_of).sum::<f64>() / scene.lights.len().max(1) as f64;
     let path = if features.has(Feature::Glossy) { seconds::PATH } else { 0.0 };
     let pixel = seconds::PIXEL + levels * seconds::PIXEL_LEVEL + path;
     let ray = seconds::SHADOW_RAY + levels * seconds::SHADOW_RAY_LEVEL;
-    seconds::FILES + kernels + (zones + pixels * (pixel + rays * ray)) * MEASURED_CORES / cores
+    let parallel = zones + triangles * seconds::TRIANGLE + pixels * (pixel + rays * ray);
+    seconds::FILES + kernels + parallel * MEASURED_CORES / cores
 }
