@@ -88,8 +88,8 @@ impl NoisyRecords<'_> {
             let deviation = mean(&members, |member| known[member.index].variance.sqrt());
             let light = mean(&members, |member| known[member.index].irradiance.length());
             let share = share_of(variance / deviation.powi(2), OUTLIERS) * share_of(variance / light.powi(2), NOISE);
-            // Not a number where there is no noise, or no member.
-            if !(share > 0.0) {
+            // It is no number where there is no noise, or no member.
+            if share.is_nan() || share == 0.0 {
                 return self.values_of(i).to_vec();
             }
             // The light of an outlier is for those that had none, too: else it would be lost.
