@@ -82,13 +82,16 @@ impl NoisyRecords<'_> {
         let grid = RecordGrid::of_some(self.heads, self.heads.len().div_ceil(OUTLIER_RECORDS).max(1), reach);
         let known_of = |i: usize| Known { irradiance: self.irradiance(i), variance: self.variances[i].into() };
         let known: Vec<Known> = (0..self.heads.len()).map(known_of).collect();
+        // Each record is a member of hundreds.
+        let deviations: Vec<f64> = known.iter().map(|known| known.variance.sqrt()).collect();
+        let lights: Vec<f64> = known.iter().map(|known| known.irradiance.length()).collect();
         let spread = |i: usize| {
             let members = self.members(&grid, i, reach(i));
             let variance = mean(&members, |member| known[member.index].variance);
-            let deviation = mean(&members, |member| known[member.index].variance.sqrt());
-            let light = mean(&members, |member| known[member.index].irradiance.length());
+            let deviation = mean(&members, |member| deviations[member.index]);
+            let light = mean(&members, |member| lights[member.index]);
             let share = share_of(variance / deviation.powi(2), OUTLIERS) * share_of(variance / light.powi(2), NOISE);
-            // It is no number where there is no noise, or no member.
+            // Not a number where there is no noise, or no member.
             if share.is_nan() || share == 0.0 {
                 return self.values_of(i).to_vec();
             }
@@ -105,8 +108,7 @@ impl NoisyRecords<'_> {
     }
 
     fn irradiance(&self, i: usize) -> DVec3 {
-        let first = i * self.count();
-        DVec3::from([3, 7, 11].map(|channel| f64::from(self.values[first + channel])))
+        DVec3::from([3, 7, 11].map(|channel| f64::from(self.values_of(i)[channel])))
     }
 
     /// Whether there is a record, and its noise is known.

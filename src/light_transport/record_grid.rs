@@ -64,6 +64,7 @@ impl RecordGrid {
 pub(super) fn weight(of: &RecordHead, at: &RecordHead) -> f32 {
     let (normal, other) = (Vec3::from(of.normal), Vec3::from(at.normal));
     let offset = Vec3::from(at.position) - Vec3::from(of.position);
+    // Grids offer many records that are too far away: of these nothing else is needed.
     if offset.length_squared() >= of.size * of.size {
         return 0.0;
     }
