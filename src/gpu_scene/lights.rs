@@ -57,7 +57,7 @@ impl GpuLights {
         };
         let irradiance = environment.as_ref().map_or(0.0, |environment| environment.irradiance);
         let lit = LitScene { scene, irradiance, receivers, sphere: OnceCell::new() };
-        let mut meshes = MeshTexels::default();
+        let mut meshes = MeshTexels::new(&scene.lights);
         let mut lights = Vec::with_capacity(scene.lights.len());
         let mut texels: Vec<LightTexels> = Vec::with_capacity(scene.lights.len());
         for (index, light) in scene.lights.iter().enumerate() {

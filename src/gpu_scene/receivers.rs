@@ -30,6 +30,17 @@ impl ReceiverBounds {
         (radius > 0.0).then_some(ReceiverBounds { centre, radius: radius * (1.0 + SPARE) + SPARE })
     }
 
+    /// The distance from a position, along a unit `direction`, to the middle of the way within the bounds; None if the
+    /// ray misses them.
+    pub(super) fn middle_distance(&self, position: Vec3, direction: DVec3) -> Option<f64> {
+        let offset = (self.centre - position).as_dvec3();
+        let nearest = offset.dot(direction);
+        let half_squared = f64::from(self.radius).powi(2) - (offset - nearest * direction).length_squared();
+        let half = half_squared.max(0.0).sqrt();
+        let (entry, exit) = ((nearest - half).max(0.0), nearest + half);
+        (half > 0.0 && exit > 0.0).then_some((entry + exit) / 2.0)
+    }
+
     /// The cone of directions from a position to the bounds; None within them.
     pub(super) fn cone_from(&self, position: Vec3) -> Option<ReceiverCone> {
         let offset = (self.centre - position).as_dvec3();

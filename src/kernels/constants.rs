@@ -129,7 +129,6 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("LIGHT_COVERAGE", light_texels::COVERAGE),
     ("LIGHT_NO_AXIS", light_texels::NO_AXIS),
     ("LIGHT_VIEWED", light_texels::VIEWED),
-    ("VIEW_SIDE", light_texels::VIEW_SIDE),
     ("NEAR_LIGHT_SQUARED", (light_texels::NEAR_LIGHT * light_texels::NEAR_LIGHT) as u32),
     ("FEW_EMITTERS", light_texels::FEW_EMITTERS),
     ("FEW_NEAR_EMITTERS", light_texels::FEW_NEAR_EMITTERS),

@@ -32,7 +32,7 @@ pub(crate) const SPHERE_TEXEL: u32 = 1;
 pub(crate) const EMISSION_TEXEL: u32 = 2;
 /// Direction of a spot or directional light, and the cosine of the outer cone angle.
 pub(crate) const AXIS_TEXEL: u32 = 3;
-/// Length of a mesh light's contours, and where its views are.
+/// Length of a mesh light's contours, where its views are, and the number of their cells a side.
 pub(crate) const CONTOUR_TEXEL: u32 = 3;
 /// Cosine of a spot light's inner cone angle.
 pub(crate) const CONE_TEXEL: u32 = 4;
@@ -40,10 +40,6 @@ pub(crate) const CONE_TEXEL: u32 = 4;
 pub(crate) const DISC_TEXEL: u32 = 4;
 /// Cumulative probability, probability, strength and axis, by which lights are sampled.
 pub(crate) const SAMPLING_TEXEL: u32 = 5;
-
-/// Cells a side of the octahedral map from which a convex light is seen, some 7 degrees wide each. What the points of a
-/// sphere bring then spreads by 8 % about its mean; by 59 % where power alone chooses them.
-pub(crate) const VIEW_SIDE: u32 = 16;
 
 /// Radii of a light from whose middle it is far. Nearer, what its triangles show depends on the position and not on the
 /// direction alone.

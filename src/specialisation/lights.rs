@@ -60,7 +60,7 @@ impl Specialisation {
             on,
             why,
             "no light of many triangles is a closed mesh",
-            "two table look-ups at every light point; 1 kB per triangle",
+            "two table look-ups at every light point; 1 to 9 kB per triangle",
         );
     }
 

@@ -5,7 +5,7 @@ import package::lib::constants::{EMITTER_SAMPLING_TEXEL, EMITTER_TEXELS};
 @if(many_emitters) import package::lib::constants::{
     FEW_EMITTERS, FEW_NEAR_EMITTERS, LIGHT_SPHERE_TEXEL, NEAR_LIGHT_SQUARED,
 };
-@if(emitter_pairs) import package::lib::constants::{LIGHT_CONTOUR_TEXEL, LIGHT_VIEWED, VIEW_SIDE};
+@if(emitter_pairs) import package::lib::constants::{LIGHT_CONTOUR_TEXEL, LIGHT_VIEWED};
 @if(many_emitters) import package::lib::light::table::light_texel_f32;
 @if(emitter_pairs) import package::lib::light::table::light_texel;
 @if(emitter_pairs) import package::lib::math::oct_wrap;
@@ -104,9 +104,10 @@ fn is_near_light(light: u32, position: vec3f) -> bool {
 fn view_of(light: u32, header: vec4u, position: vec3f) -> u32 {
     @if(!far_emitters) if (header.x & LIGHT_VIEWED) == 0u || is_near_light(light, position) { return NO_VIEW; }
     let offset = position - light_texel_f32(light, LIGHT_SPHERE_TEXEL).xyz;
-    let place = vec2u((oct_wrap(offset) + 1.0) * (0.5 * f32(VIEW_SIDE)));
-    let cell = min(place, vec2u(VIEW_SIDE - 1u));
-    return light_texel(light, LIGHT_CONTOUR_TEXEL).y + (cell.y * VIEW_SIDE + cell.x) * ((header.z + 3u) / 4u);
+    let views = light_texel(light, LIGHT_CONTOUR_TEXEL);
+    let place = vec2u((oct_wrap(offset) + 1.0) * (0.5 * f32(views.z)));
+    let cell = min(place, vec2u(views.z - 1u));
+    return views.y + (cell.y * views.z + cell.x) * ((header.z + 3u) / 4u);
 }
 
 // Cumulative probability up to and including a view's emitter triangle `i`.

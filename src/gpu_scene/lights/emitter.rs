@@ -1,12 +1,14 @@
-//! How emitter triangles of large mesh lights are sampled: in pairs that face opposite ways, and by their projected
-//! power from afar.
+//! How emitter triangles of large mesh lights are sampled: in pairs that face opposite ways, and from afar by what they
+//! send in the direction of the position.
 
 use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
-use super::layout::VIEW_SIDE;
+use super::layout::NEAR_LIGHT;
 use crate::gpu_scene::oct_unwrap;
+use crate::gpu_scene::receivers::ReceiverBounds;
 
 /// Whether the triangles are a closed mesh that emits outwards, so that half of them face away from any position. The
 /// area vectors of a closed mesh sum to 0.
@@ -31,49 +33,95 @@ pub(super) fn is_convex(triangles: &[[Vec3; 3]], radius: f64) -> bool {
     })
 }
 
-/// The cumulative probabilities of a light's triangles by power times cosine, for each direction of the octahedral map,
-/// row by row; four to a texel, padded with 1.
-pub(super) fn cumulative_views(triangles: &[[Vec3; 3]], powers: &[f64]) -> Vec<[f32; 4]> {
-    /// Directions along a side of a cell of the map, borders included, over which cosines are averaged.
-    const DIRECTIONS: u32 = 5;
-    /// Minimum cosine of a triangle that is visible from some direction of the cell.
-    const MIN: f64 = 1.0 / 64.0;
-    // Margin for directions between the sampled ones.
-    let turned = -0.25 / f64::from(VIEW_SIDE);
-    let normals: Vec<DVec3> =
-        triangles.iter().map(|[a, b, c]| (*b - *a).cross(*c - *a).as_dvec3().normalize_or_zero()).collect();
-    let mut texels = Vec::new();
-    for cell in 0..VIEW_SIDE * VIEW_SIDE {
-        let (column, row) = (cell % VIEW_SIDE, cell / VIEW_SIDE);
-        let at = |cell: u32, i: u32| {
-            2.0 * (f64::from(cell) + f64::from(i) / f64::from(DIRECTIONS - 1)) / f64::from(VIEW_SIDE) - 1.0
-        };
-        let directions: Vec<DVec3> = (0..DIRECTIONS * DIRECTIONS)
-            .map(|i| oct_unwrap(at(column, i % DIRECTIONS), at(row, i / DIRECTIONS)))
-            .collect();
-        let shown = normals.iter().zip(powers).map(|(normal, power)| {
-            let cosines = directions.iter().map(|direction| direction.dot(*normal));
-            let mean = cosines.clone().map(|cosine| cosine.max(0.0)).sum::<f64>() / directions.len() as f64;
-            let seen = cosines.fold(-1.0, f64::max) > turned;
-            power * if seen { mean.max(MIN) } else { 0.0 }
-        });
-        let shown: Vec<f64> = shown.collect();
-        let total: f64 = shown.iter().sum();
-        let mut sum = 0.0;
-        let mut cumulative: Vec<f32> = shown
-            .iter()
-            .map(|shown| {
-                sum += shown;
-                (sum / total) as f32
+/// A convex lamp as it is seen from afar.
+pub(super) struct ConvexLamp<'a> {
+    pub triangles: &'a [[Vec3; 3]],
+    /// The share of each triangle in the lamp's power.
+    pub powers: &'a [f64],
+    pub centre: Vec3,
+    pub radius: f32,
+}
+
+/// A direction from the centre of a lamp, and 1 over the distance at which receivers are expected there.
+struct View {
+    direction: DVec3,
+    inverse_distance: f64,
+}
+
+/// A triangle's unit normal, and its centroid relative to the centre of the lamp.
+struct Facet {
+    normal: DVec3,
+    centroid: DVec3,
+}
+
+impl ConvexLamp<'_> {
+    /// The cumulative probabilities of its triangles by what each sends towards the receivers, for each of
+    /// `side` x `side` cells of the octahedral map of directions, row by row; four to a texel, padded with 1. What a
+    /// triangle sends in a cell is the mean over its corners.
+    pub fn cumulative_views(&self, side: u32, receivers: Option<ReceiverBounds>) -> Vec<[f32; 4]> {
+        let facets = self.facets();
+        let corners = side + 1;
+        // Margin for rounded directions, and the least that counts of a triangle that may be seen.
+        let least = 0.25 / f64::from(side);
+        let sent: Vec<f64> = (0..corners * corners)
+            .into_par_iter()
+            .flat_map_iter(|corner| {
+                let at = |i: u32| 2.0 * f64::from(i) / f64::from(side) - 1.0;
+                let view = self.view(oct_unwrap(at(corner % corners), at(corner / corners)), receivers);
+                let powers = facets.iter().zip(self.powers);
+                powers.map(|(facet, power)| power * facet.sends(&view, least)).collect::<Vec<_>>()
             })
             .collect();
-        cumulative.resize(cumulative.len().next_multiple_of(4), 1.0);
-        if let Some(last) = cumulative.get_mut(triangles.len() - 1) {
-            *last = 1.0;
-        }
-        texels.extend(cumulative.chunks_exact(4).map(|four| [four[0], four[1], four[2], four[3]]));
+        let cells = (0..side * side).into_par_iter().flat_map_iter(|cell| {
+            let first = (cell / side) * corners + cell % side;
+            let at_corners = [first, first + 1, first + corners, first + corners + 1]
+                .map(|corner| &sent[corner as usize * facets.len()..][..facets.len()]);
+            cumulative((0..facets.len()).map(|i| at_corners.iter().map(|sent| sent[i]).sum()).collect())
+        });
+        cells.collect()
     }
-    texels
+
+    fn facets(&self) -> Vec<Facet> {
+        let facet = |[a, b, c]: &[Vec3; 3]| Facet {
+            normal: (*b - *a).cross(*c - *a).as_dvec3().normalize_or_zero(),
+            centroid: (a.as_dvec3() + b.as_dvec3() + c.as_dvec3()) / 3.0 - self.centre.as_dvec3(),
+        };
+        self.triangles.iter().map(facet).collect()
+    }
+
+    fn view(&self, direction: DVec3, receivers: Option<ReceiverBounds>) -> View {
+        let distance = receivers.and_then(|bounds| bounds.middle_distance(self.centre, direction));
+        // Nearer positions have no views.
+        let inverse_distance = distance.map_or(0.0, |d| 1.0 / d.max(NEAR_LIGHT * f64::from(self.radius)));
+        View { direction, inverse_distance }
+    }
+}
+
+impl Facet {
+    /// What a triangle of unit area sends to the receiver of a view, over what it would send from the lamp's centre if
+    /// it faced the receiver. It counts `least` where only positions farther away see it.
+    fn sends(&self, view: &View, least: f64) -> f64 {
+        // What is seen from anywhere in a direction is seen from infinitely far away.
+        if self.normal.dot(view.direction) <= -least {
+            return 0.0;
+        }
+        let to_receiver = view.direction - view.inverse_distance * self.centroid;
+        (self.normal.dot(to_receiver) / to_receiver.length().powi(3)).max(least)
+    }
+}
+
+/// Cumulative probabilities in proportion to `parts`, four to a texel, padded with 1.
+fn cumulative(parts: Vec<f64>) -> Vec<[f32; 4]> {
+    let total: f64 = parts.iter().sum();
+    let mut sum = 0.0;
+    let up_to = parts.iter().map(|part| {
+        sum += part;
+        (sum / total) as f32
+    });
+    let mut texels: Vec<f32> = up_to.collect();
+    texels[parts.len() - 1] = 1.0;
+    texels.resize(parts.len().next_multiple_of(4), 1.0);
+    texels.chunks_exact(4).map(|four| [four[0], four[1], four[2], four[3]]).collect()
 }
 
 /// The partner of each triangle: one that faces nearly the opposite way. Partners are mutual. A triangle for which none
