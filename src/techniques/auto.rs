@@ -23,21 +23,23 @@ mod seconds {
     /// Opening the device, reading and writing files.
     pub const FILES: f64 = 0.1;
     /// Composing kernels of Lambertian surfaces.
-    pub const KERNELS: f64 = 0.27;
-    /// More for kernels with glossy lobes or procedural objects.
-    pub const LARGE_KERNELS: f64 = 0.35;
+    pub const KERNELS: f64 = 0.26;
+    /// More for kernels with glossy lobes.
+    pub const GLOSSY_KERNELS: f64 = 0.07;
+    /// More for kernels of caustics or of procedural objects.
+    pub const LARGE_KERNELS: f64 = 0.28;
     /// The hierarchy, for a triangle.
-    pub const TRIANGLE: f64 = 1e-6;
+    pub const TRIANGLE: f64 = 1.5e-6;
     /// Irradiance records and camera rays, for a pixel.
-    pub const PIXEL: f64 = 6e-7;
+    pub const PIXEL: f64 = 4.4e-7;
     /// More for each doubling of the triangles.
-    pub const PIXEL_LEVEL: f64 = 3.6e-8;
-    /// A path, for a pixel where there are glossy lobes.
-    pub const PATH: f64 = 1.5e-6;
+    pub const PIXEL_LEVEL: f64 = 2.6e-8;
+    /// Paths and photons of caustics, or functions of procedural objects, for a pixel.
+    pub const LARGE_PIXEL: f64 = 1.5e-6;
     /// A shadow ray with its share of shading.
-    pub const SHADOW_RAY: f64 = 1.5e-7;
+    pub const SHADOW_RAY: f64 = 1.2e-7;
     /// More for each doubling of the triangles.
-    pub const SHADOW_RAY_LEVEL: f64 = 1e-8;
+    pub const SHADOW_RAY_LEVEL: f64 = 8e-9;
     /// Photons that tell which lights reach a zone, for each of many lights.
     pub const LIGHT_OF_ZONES: f64 = 7e-4;
 }
@@ -88,20 +90,22 @@ fn is_free(settings: &Settings) -> bool {
 fn first_sample(scene: &Scene, camera: &Camera, settings: &Settings, cores: f64) -> f64 {
     let settings = settings.clone().with(|s| s.technique = Technique::default());
     let features = Specialisation::new(scene, Some(camera), &settings).features;
-    let is_large = features.has(Feature::Glossy) || features.has(Feature::Procedurals);
-    let kernels = seconds::KERNELS + if is_large { seconds::LARGE_KERNELS } else { 0.0 };
+    let is_large = features.has(Feature::Caustics) || features.has(Feature::Procedurals);
+    let if_any = |condition: bool, seconds: f64| if condition { seconds } else { 0.0 };
+    let kernels = seconds::KERNELS
+        + if_any(features.has(Feature::Glossy), seconds::GLOSSY_KERNELS)
+        + if_any(is_large, seconds::LARGE_KERNELS);
     let has_zones = features.has(Feature::Zones);
     let is_sampled = features.has(Feature::LightSampling);
     let lights = if is_sampled { settings.light_sampling.sampled_lights as usize } else { scene.lights.len() } as f64;
-    let zones = if has_zones { scene.lights.len() as f64 * seconds::LIGHT_OF_ZONES } else { 0.0 };
+    let zones = if_any(has_zones, scene.lights.len() as f64 * seconds::LIGHT_OF_ZONES);
     let part = settings.image.part();
     let pixels = f64::from(part.width) * f64::from(part.height);
     let triangles = scene.triangles.len() as f64;
     let levels = triangles.max(1.0).log2();
     let rays_of = |light: &Light| f64::from(light.kind.max_light_points(settings.shadow_rays.samples));
     let rays = lights * scene.lights.iter().map(rays_of).sum::<f64>() / scene.lights.len().max(1) as f64;
-    let path = if features.has(Feature::Glossy) { seconds::PATH } else { 0.0 };
-    let pixel = seconds::PIXEL + levels * seconds::PIXEL_LEVEL + path;
+    let pixel = seconds::PIXEL + levels * seconds::PIXEL_LEVEL + if_any(is_large, seconds::LARGE_PIXEL);
     let ray = seconds::SHADOW_RAY + levels * seconds::SHADOW_RAY_LEVEL;
     let parallel = zones + triangles * seconds::TRIANGLE + pixels * (pixel + rays * ray);
     seconds::FILES + kernels + parallel * MEASURED_CORES / cores
