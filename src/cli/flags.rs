@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// What the library writes, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 38] = [
+const FLAGS: [(&str, &str); 39] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`technique`", "--technique"),
     ("`image.width`", "--width"),
@@ -35,6 +35,7 @@ const FLAGS: [(&str, &str); 38] = [
     ("`ward.tolerance`", "--shadow-tolerance"),
     ("`light_scale`", "--light-scale"),
     ("`lenient` import", "--lenient"),
+    ("`default_light`", "--default-light"),
     ("`time`", "--at"),
     ("`environment_rotation`", "--environment-rotation"),
     ("`environment_strength`", "--environment-strength"),

@@ -122,7 +122,7 @@ pub struct SceneOptions {
     )]
     iris_blades: u32,
 
-    /// Add a soft light above the scene if the file has no light
+    /// Add a soft light above and before the scene if the file has no light
     #[arg(long, help_heading = "Scene")]
     default_light: bool,
 

@@ -118,7 +118,7 @@ impl Scene {
         let has_light = geometry.emits() || document.has_punctual_light() || panorama.is_some();
         let default_light = options.default_light && !has_light;
         if default_light && geometry.add_default_light(document.nodes.len(), &mut scene.materials) {
-            notes.push("no light in the file: a soft one is added above the scene");
+            notes.push("no light in the file: a soft one is added above and before the scene");
         }
         scene.normalisation = geometry.normalisation();
         procedural::place(procedurals, &mut scene)?;
@@ -396,7 +396,7 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, notes: &mut Notes) -> 
         notes.push("no camera in the file");
     }
     if scene.lights.is_empty() {
-        notes.push("no light in the file");
+        notes.push("no light in the file: `default_light` adds one");
     }
     Ok(())
 }

@@ -13,7 +13,7 @@
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
-    /// Add a soft area light above the scene if the file has no light.
+    /// Add a soft area light above and before the scene (+Z) if the file has no light.
     pub default_light: bool,
     /// Skip primitives with NaN or infinite numbers, and textures whose image is missing or damaged, instead of
     /// refusing the file. Each leaves a note. A surface without its emissive texture does not emit.

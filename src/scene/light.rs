@@ -286,22 +286,27 @@ fn count_bright(image: &TextureImage) -> Vec<u32> {
     table
 }
 
-/// Half the edge of the default light, its height over the scene's centre and how far it stands
-/// before it, in radii of the scene's bounding sphere: above what [`super::Scene::frame_camera`]
-/// sees, and near enough for soft shadows.
-const DEFAULT_LIGHT: [f64; 3] = [1.0, 2.2, 0.5];
+/// Half the edge of the default light, and how far it is from the scene's centre, in radii of the scene's bounding
+/// sphere: near enough for soft shadows.
+const DEFAULT_LIGHT: [f64; 2] = [1.0, 2.4];
 
-/// The default light: a square above and a little before a scene of that centre and radius, facing
-/// down. Gives its corners, counter-clockwise seen from below, and its material.
+/// Where it is, seen from the centre: a photographer's key light, above, before and to the left of a model whose front
+/// is +Z, as glTF says. It is above what [`super::Scene::frame_camera`] sees. A lamp right above a model leaves its
+/// front dark.
+const TOWARDS_DEFAULT_LIGHT: DVec3 = DVec3::new(-0.4, 1.0, 0.6);
+
+/// The default light: a square that faces the centre of a scene of that centre and radius. Gives its corners,
+/// counter-clockwise seen from there, and its material.
 pub(super) fn default_light(centre: DVec3, radius: f64) -> ([DVec3; 4], Material) {
-    let [half, height, forward] = DEFAULT_LIGHT;
-    let corners = [(-half, -half), (half, -half), (half, half), (-half, half)];
-    let corners = corners.map(|(x, z)| centre + radius * DVec3::new(x, height, z + forward));
-    // A white diffuse floor through the centre has the radiance of the light times its form
-    // factor there: this makes it 1.
-    let form_factor = 2.0
-        * (corner_form_factor(half / height, (half + forward) / height)
-            + corner_form_factor(half / height, (half - forward) / height));
+    let [half, distance] = DEFAULT_LIGHT;
+    let towards = TOWARDS_DEFAULT_LIGHT.normalize();
+    let right = DVec3::Y.cross(towards).normalize();
+    let up = towards.cross(right);
+    let corners = [(-half, -half), (-half, half), (half, half), (half, -half)];
+    let corners = corners.map(|(x, y)| centre + radius * (distance * towards + x * right + y * up));
+    // A white diffuse surface at the centre that faces the light has the radiance of the light times its form factor
+    // there: this makes it 1.
+    let form_factor = 4.0 * corner_form_factor(half / distance, half / distance);
     let material = Material {
         name: "default light".into(),
         base_colour: glam::Vec4::new(0.0, 0.0, 0.0, 1.0),

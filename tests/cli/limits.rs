@@ -205,7 +205,7 @@ fn no_light_at_all() {
         rendered.assert_is(&RGB, 0.0, 0.0);
         rendered.assert_is(&["A"], 1.0, 0.0);
         assert_eq!(rendered.statistics["scene"]["lights"], 0);
-        assert!(rendered.notes().contains(&"no light in the file"));
+        assert!(rendered.notes().contains(&"no light in the file: --default-light adds one"));
         assert!(rendered.notes_on_nothing().is_empty());
     }
 }

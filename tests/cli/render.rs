@@ -141,7 +141,10 @@ fn notes_are_said_once_and_kept_in_the_statistics() {
         run(&format!("render --device {} {SMALL} --spp 1", device()), &[&scene, &"-o", &image, &"--stats", &file]);
     answer.assert_done();
     let said: Vec<&str> = answer.stderr.lines().filter_map(|line| line.strip_prefix("note: ")).collect();
-    assert!(said.contains(&"no camera in the file") && said.contains(&"no light in the file"), "{answer:?}");
+    assert!(
+        said.contains(&"no camera in the file") && said.contains(&"no light in the file: --default-light adds one"),
+        "{answer:?}"
+    );
     assert_eq!(said.iter().collect::<BTreeSet<_>>().len(), said.len(), "{said:?}");
     let kept = read_json(&file);
     let kept: Vec<&str> = kept["notes"].as_array().unwrap().iter().map(|note| note.as_str().unwrap()).collect();

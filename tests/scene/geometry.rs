@@ -325,5 +325,5 @@ fn scenes_without_geometry_are_empty() {
     assert!(scene.triangles.is_empty() && scene.bounds().is_none());
     assert_eq!(scene.normalisation.scale(), 1.0);
     assert!(scene.notes.iter().any(|n| n == "no camera in the file"));
-    assert!(scene.notes.iter().any(|n| n == "no light in the file"));
+    assert!(scene.notes.iter().any(|n| n == "no light in the file: `default_light` adds one"));
 }

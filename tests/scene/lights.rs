@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use penumbra::internal::scene::{EmitterTriangle, ImportOptions, LightKind, NO_LIGHT, Projection, Scene};
 use serde_json::{Value, json};
 
@@ -171,14 +171,22 @@ fn a_single_bright_texel_is_not_lost() {
 }
 
 #[test]
-fn the_default_light_lights_a_white_floor_to_one() {
+fn the_default_light_lights_a_white_surface_that_faces_it_to_one() {
     let mut file = File::new();
     file.mesh(&[[-1., 0., -1.], [-1., 0., 1.], [1., 0., -1.], [1., 0., 1.]], json!({ "mode": 5 }));
     let lit = ImportOptions { default_light: true, ..Default::default() };
     let scene = file.load_with(&lit).unwrap();
     assert!(scene.notes.iter().any(|n| n.contains("a soft one is added")));
-    assert!(!scene.notes.iter().any(|n| n == "no light in the file"));
+    assert!(!scene.notes.iter().any(|n| n == "no light in the file: `default_light` adds one"));
     assert_eq!(scene.lights.len(), 1);
+
+    let emitting = emitters(&scene, 0);
+    let corners = emitting.iter().flat_map(|emitter| scene.triangle_positions(emitter.triangle as usize));
+    let corners: Vec<_> = corners.map(|p| scene.normalisation.undo(p)).collect();
+    let bounds = corners.iter().fold((corners[0], corners[0]), |(low, high), p| (low.min(*p), high.max(*p)));
+    let towards = (bounds.0 + bounds.1).normalize();
+    // Above, before and to the left of the front, +Z.
+    assert!(towards.y > 0.7 && towards.z > 0.3 && towards.x < -0.2, "{towards}");
 
     // Irradiance at the world's origin by the midpoint rule with 128 x 128 parts, whose error is about 1e-5.
     const N: u32 = 128;
@@ -187,7 +195,7 @@ fn the_default_light_lights_a_white_floor_to_one() {
         let [a, b, c] = scene.triangle_positions(emitter.triangle as usize).map(|p| scene.normalisation.undo(p));
         let cross = (b - a).cross(c - a);
         let normal = cross.normalize();
-        assert!((normal - DVec3::NEG_Y).length() < 1e-6, "faces down");
+        assert!((normal + towards).length() < 1e-6, "faces the middle of the scene");
         let area = 0.5 * cross.length() / f64::from(N * N);
         for i in 0..N {
             for j in 0..2 * (N - i) - 1 {
@@ -197,7 +205,8 @@ fn the_default_light_lights_a_white_floor_to_one() {
                 let at = |k: u32| (f64::from(k) + third) / f64::from(N);
                 let p = a + at(u) * (b - a) + at(i) * (c - a);
                 let d = p.normalize();
-                irradiance += f64::from(emitter.radiance.x) * d.y * -d.dot(normal) * area / p.length_squared();
+                irradiance +=
+                    f64::from(emitter.radiance.x) * d.dot(towards) * -d.dot(normal) * area / p.length_squared();
             }
         }
     }
