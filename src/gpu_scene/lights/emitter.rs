@@ -57,7 +57,8 @@ struct Facet {
 impl ConvexLamp<'_> {
     /// The cumulative probabilities of its triangles by what each sends towards the receivers, for each of
     /// `side` x `side` cells of the octahedral map of directions, row by row; four to a texel, padded with 1. What a
-    /// triangle sends in a cell is the mean over its corners.
+    /// triangle sends in a cell is the mean over its corners. What is seen from the cell is seen from a corner if
+    /// `side` is even: the folds of the map are then along the sides and diagonals of cells.
     pub fn cumulative_views(&self, side: u32, receivers: Option<ReceiverBounds>) -> Vec<[f32; 4]> {
         let facets = self.facets();
         let corners = side + 1;
@@ -143,4 +144,63 @@ pub(super) fn partners(triangles: &[[Vec3; 3]]) -> Vec<u32> {
         }
     }
     partners
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The triangles of an octahedron whose corners lie on a sphere, each divided into four, `times` times.
+    fn ball(times: u32) -> Vec<[Vec3; 3]> {
+        let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
+        let octants = (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|bit| 1.0 - 2.0 * bit as f32));
+        let mut triangles: Vec<_> = octants
+            .map(|[a, b, c]| if a * b * c > 0.0 { [a * x, b * y, c * z] } else { [a * x, c * z, b * y] })
+            .collect();
+        for _ in 0..times {
+            let divided = triangles.iter().flat_map(|[a, b, c]| {
+                let [ab, bc, ca] = [*a + *b, *b + *c, *c + *a].map(Vec3::normalize);
+                [[*a, ab, ca], [ab, *b, bc], [ca, bc, *c], [ab, bc, ca]]
+            });
+            triangles = divided.collect();
+        }
+        triangles
+    }
+
+    /// Triangles that face one of many directions, but have probability 0 in its cell.
+    fn missed(side: u32) -> usize {
+        let triangles = ball(3);
+        let powers = vec![1.0 / triangles.len() as f64; triangles.len()];
+        let lamp = ConvexLamp { triangles: &triangles, powers: &powers, centre: Vec3::ZERO, radius: 1.0 };
+        let receivers = ReceiverBounds { centre: Vec3::new(0.5, -3.0, 1.0), radius: 6.0 };
+        let views = lamp.cumulative_views(side, Some(receivers)).into_flattened();
+        let facets = lamp.facets();
+        // Points of the map that fill it evenly (Roberts 2018), and lie in its folds too.
+        const COUNT: u32 = 4096;
+        let points = (0..COUNT).map(|i| [0.754_877_67, 0.569_840_29].map(|step: f64| (f64::from(i) * step).fract()));
+        let in_folds = (0..COUNT).map(|i| [0.5, f64::from(i) / f64::from(COUNT)]);
+        let mut missed = 0;
+        for [u, v] in points.chain(in_folds) {
+            let direction = oct_unwrap(2.0 * u - 1.0, 2.0 * v - 1.0);
+            let cell = |u: f64| ((u * f64::from(side)) as usize).min(side as usize - 1);
+            let view = &views[(cell(v) * side as usize + cell(u)) * facets.len()..][..facets.len()];
+            let below = std::iter::once(0.0).chain(view.iter().copied());
+            missed += facets
+                .iter()
+                .zip(view.iter().zip(below))
+                .filter(|(facet, (end, start))| facet.normal.dot(direction) > 0.0 && *end <= start)
+                .count();
+        }
+        missed
+    }
+
+    /// A triangle that light may come from has a probability, or the image would lack its light.
+    #[test]
+    fn every_triangle_that_faces_a_direction_may_be_sampled() {
+        for side in [16, 18, 30, 48] {
+            assert_eq!(missed(side), 0, "{side} cells a side");
+        }
+        // The folds of the map cross the middle of cells.
+        assert!(missed(17) > 0);
+    }
 }

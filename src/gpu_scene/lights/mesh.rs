@@ -129,11 +129,12 @@ impl MeshLight<'_> {
     }
 }
 
-/// Cells a side of the views of a light with so many triangles, one of so many `lamps`.
+/// Cells a side of the views of a light with so many triangles, one of so many `lamps`. It is even; see
+/// [`ConvexLamp::cumulative_views`].
 fn view_side(triangles: usize, lamps: usize) -> u32 {
     let bytes_of_cell = triangles.div_ceil(4) * size_of::<[f32; 4]>();
     let cells = VIEW_BYTES / lamps / bytes_of_cell;
-    (cells.isqrt() as u32).clamp(*VIEW_SIDES.start(), *VIEW_SIDES.end())
+    (cells.isqrt() as u32 / 2 * 2).clamp(*VIEW_SIDES.start(), *VIEW_SIDES.end())
 }
 
 fn area([a, b, c]: &[Vec3; 3]) -> f64 {
