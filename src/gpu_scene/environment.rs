@@ -11,6 +11,7 @@ use std::f64::consts::{PI, TAU};
 use kernel_kit::{Gpu, Table, TableFormat};
 use rayon::prelude::*;
 
+use super::cumulative::{cumulative, texels_of};
 use crate::Result;
 use crate::kernels::scene_texels::ENVIRONMENT_HEADER;
 use crate::scene::Panorama;
@@ -22,10 +23,6 @@ const MAX_CELLS: [u32; 2] = [1024, 512];
 
 /// Maximum number of texels on the device: 8192 x 4096, half a GiB.
 const MAX_TEXELS: u64 = 1 << 25;
-
-/// Minimum probability of a row that has radiance, and of a cell within its row. It is 16 ULP of the f32 cumulative
-/// probabilities, so that rounding gives no such cell the probability 0.
-const MIN_PROBABILITY: f64 = 1.0 / (1 << 20) as f64;
 
 /// The panorama on the device.
 pub struct GpuEnvironment {
@@ -132,26 +129,8 @@ impl EnvironmentTexels {
             table.push([cumulative, first as f32, (last - first) as f32, density as f32]);
         }
         let cells: Vec<f32> = weights.iter().flat_map(|row| cumulative(row)).collect();
-        table.extend(cells.chunks(4).map(|four| std::array::from_fn(|i| four.get(i).copied().unwrap_or(1.0))));
+        table.extend(texels_of(&cells));
         table.extend(texels.iter().map(|[r, g, b]| [*r, *g, *b, 0.0]));
         EnvironmentTexels { texels: table, irradiance: row_weights.iter().sum() }
     }
-}
-
-/// Cumulative probabilities by weight, the last being 1; uniform if all weights are 0.
-fn cumulative(weights: &[f64]) -> Vec<f32> {
-    let min = weights.iter().sum::<f64>() * MIN_PROBABILITY;
-    let raised = |weight: &f64| match *weight {
-        _ if min <= 0.0 => 1.0,
-        weight if weight > 0.0 => weight.max(min),
-        _ => 0.0,
-    };
-    let sums = || {
-        weights.iter().map(raised).scan(0.0, |sum, weight| {
-            *sum += weight;
-            Some(*sum)
-        })
-    };
-    let total = sums().last().unwrap_or(1.0);
-    sums().map(|sum| (sum / total) as f32).collect()
 }

@@ -2,6 +2,7 @@
 
 mod bounds;
 pub mod camera;
+mod cumulative;
 pub mod environment;
 pub mod light_buffer;
 pub mod lights;

@@ -7,6 +7,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::layout::NEAR_LIGHT;
+use crate::gpu_scene::cumulative::{cumulative, texels_of};
 use crate::gpu_scene::oct_unwrap;
 use crate::gpu_scene::receivers::ReceiverBounds;
 
@@ -77,7 +78,8 @@ impl ConvexLamp<'_> {
             let first = (cell / side) * corners + cell % side;
             let at_corners = [first, first + 1, first + corners, first + corners + 1]
                 .map(|corner| &sent[corner as usize * facets.len()..][..facets.len()]);
-            cumulative((0..facets.len()).map(|i| at_corners.iter().map(|sent| sent[i]).sum()).collect())
+            let weights: Vec<f64> = (0..facets.len()).map(|i| at_corners.iter().map(|sent| sent[i]).sum()).collect();
+            texels_of(&cumulative(&weights)).collect::<Vec<_>>()
         });
         cells.collect()
     }
@@ -109,20 +111,6 @@ impl Facet {
         let to_receiver = view.direction - view.inverse_distance * self.centroid;
         (self.normal.dot(to_receiver) / to_receiver.length().powi(3)).max(least)
     }
-}
-
-/// Cumulative probabilities in proportion to `parts`, four to a texel, padded with 1.
-fn cumulative(parts: Vec<f64>) -> Vec<[f32; 4]> {
-    let total: f64 = parts.iter().sum();
-    let mut sum = 0.0;
-    let up_to = parts.iter().map(|part| {
-        sum += part;
-        (sum / total) as f32
-    });
-    let mut texels: Vec<f32> = up_to.collect();
-    texels[parts.len() - 1] = 1.0;
-    texels.resize(parts.len().next_multiple_of(4), 1.0);
-    texels.chunks_exact(4).map(|four| [four[0], four[1], four[2], four[3]]).collect()
 }
 
 /// The partner of each triangle: one that faces nearly the opposite way. Partners are mutual. A triangle for which none
