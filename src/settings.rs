@@ -162,6 +162,31 @@ impl Denoise {
     }
 }
 
+/// Which pixels get how many samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sampling {
+    /// All pixels get the same number.
+    #[default]
+    Uniform,
+    /// Pixels with noise around them get up to eight times as many, those without up to half as many. The mean is the
+    /// same.
+    Adaptive,
+}
+
+impl Sampling {
+    /// All choices.
+    pub const ALL: [Sampling; 2] = [Sampling::Uniform, Sampling::Adaptive];
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Sampling::Uniform => "uniform",
+            Sampling::Adaptive => "adaptive",
+        }
+    }
+}
+
 macro_rules! by_name {
     ($type:ty, $what:literal) => {
         impl fmt::Display for $type {
@@ -185,6 +210,7 @@ macro_rules! by_name {
 by_name!(Aov, "AOV");
 by_name!(Denoise, "denoiser");
 by_name!(LightSampling, "light sampling");
+by_name!(Sampling, "sampling");
 
 /// The settings of a render, in groups. [`Settings::builder`] sets single ones and checks their ranges.
 ///
@@ -263,7 +289,8 @@ impl Settings {
 
     /// Whether the film keeps what tells the error of the image.
     pub(crate) fn estimates_error(&self) -> bool {
-        let is_requested = self.image.denoise != Denoise::None || self.image.noise.is_some();
+        let is_requested =
+            self.image.denoise != Denoise::None || self.image.noise.is_some() || self.image.shares_samples();
         // A piece leaves that to the merged image.
         self.image.spp > 1 && is_requested && self.image.piece.is_none()
     }
@@ -377,6 +404,10 @@ impl Settings {
         if self.image.noise.is_some() {
             let problem = format!("{with} which pixels get samples would depend on those of other pieces");
             return refuse("image.noise", problem);
+        }
+        if self.image.sampling == Sampling::Adaptive {
+            let problem = format!("{with} which pixels get samples would depend on those of other pieces");
+            return refuse("image.sampling", problem);
         }
         if self.technique.requirements().visibility == technique::Visibility::Adaptive {
             let problem = format!("{with} {} learns from earlier samples", self.technique);

@@ -100,6 +100,7 @@ class Scene:
         background: str | tuple[float, float, float] | None = None,
         denoise: Literal["none", "auto", "statistical", "oidn"] | None = None,
         oidn_library: _Path | None = None,
+        sampling: Literal["uniform", "adaptive"] | None = None,
         noise: float | None = None,
         time: float | None = None,
         progress: Callable[[Progress], object] | None = None,

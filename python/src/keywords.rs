@@ -40,6 +40,7 @@ const KEYWORDS: &[Keyword] = keywords! {
     "height" => image.height;
     "crop" => image.crop, crop;
     "spp" => image.spp;
+    "sampling" => image.sampling, named;
     "samples" => image.piece, samples;
     "seed" => image.seed;
     "aovs" => image.aovs, aovs;

@@ -111,8 +111,8 @@ impl Scene {
         signature = (**keywords),
         text_signature = "($self, *, width=None, height=None, spp=None, samples=None, technique=None, \
         seed=None, camera=None, direction=None, aperture=None, focus=None, iris_blades=None, crop=None, aovs=None, \
-        background=None, denoise=None, oidn_library=None, noise=None, time=None, progress=None, device=None, \
-        light_scale=None, max_bounces=None, flux_photons=None, clamp=None, cache=None, accuracy=None, \
+        background=None, denoise=None, oidn_library=None, sampling=None, noise=None, time=None, progress=None, \
+        device=None, light_scale=None, max_bounces=None, flux_photons=None, clamp=None, cache=None, accuracy=None, \
         gather_rays=None, photons=None, nearest=None, shadow_photons_per_ray=None, shadow_samples=None, \
         dilate=None, audit=None, paper_counting=None, fine_cells=None, light_sampling=None, \
         sampled_lights=None, cells=None, cell_rays=None, light_buffer_cells=None, shadow_tolerance=None)"

@@ -3,13 +3,14 @@
 use std::borrow::Cow;
 
 /// What the library writes, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 39] = [
+const FLAGS: [(&str, &str); 40] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`technique`", "--technique"),
     ("`image.width`", "--width"),
     ("`image.height`", "--height"),
     ("`image.crop`", "--crop"),
     ("`image.spp`", "--spp"),
+    ("`image.sampling`", "--sampling"),
     ("`image.piece`", "--samples"),
     ("`image.seed`", "--seed"),
     ("`image.aovs`", "--aov"),
@@ -65,7 +66,7 @@ pub fn with_flags(text: &str) -> Cow<'_, str> {
 
 #[cfg(test)]
 mod tests {
-    use penumbra::settings::{LightSampling, SampleRange};
+    use penumbra::settings::{LightSampling, SampleRange, Sampling};
     use penumbra::{Settings, Technique};
 
     use super::with_flags;
@@ -79,6 +80,7 @@ mod tests {
             (new().size(1, 0), "--height"),
             (new().spp(0), "--spp"),
             (new().piece(piece), "--samples"),
+            (new().piece(SampleRange { end: 9, ..piece }).sampling(Sampling::Adaptive), "--sampling"),
             (new().photons_per_light(0), "--photons"),
             (new().nearest(0), "--nearest"),
             (new().shadow_photons_per_ray(0), "--shadow-photons-per-ray"),

@@ -17,7 +17,7 @@ use penumbra::internal::report::reference::Reference;
 use penumbra::internal::scene::{Extent, Focus, Framing, ImportOptions, Iris, LookAt, Panorama, Projection};
 #[cfg(feature = "view")]
 use penumbra::internal::view::Pose;
-use penumbra::settings::{Background, Crop, Denoise, LightSampling, SampleRange};
+use penumbra::settings::{Background, Crop, Denoise, LightSampling, SampleRange, Sampling};
 use penumbra::{Aov, Camera, Denoiser, Error, Image, Result, Scene, Settings, Technique};
 
 /// Maximum number of blades of an iris. No eye sees that the blur of so many is not round.
@@ -423,6 +423,10 @@ pub struct RenderOptions {
     )]
     pub spp: Option<u32>,
 
+    /// Which pixels get how many of the samples; --noise has a rule of its own
+    #[arg(long, value_name = "SAMPLING", default_value_t, value_parser = samplings())]
+    sampling: Sampling,
+
     /// Channels besides the image, for .exr: names separated by commas, or all [default: none]
     #[arg(long, value_name = "LIST", long_help = AovList::help())]
     aov: Option<AovList>,
@@ -467,6 +471,7 @@ impl RenderOptions {
     fn complete(&self, mut settings: Settings) -> Settings {
         settings.technique = self.technique.0.unwrap_or_default();
         settings.image.spp = self.spp.unwrap_or(settings.image.spp);
+        settings.image.sampling = self.sampling;
         settings.image.aovs = self.aov.clone().unwrap_or_default().0;
         settings.image.crop = self.crop;
         settings.image.piece = self.samples;
@@ -789,6 +794,20 @@ fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
             LightSampling::Power => "a few lights: half of the time by power, else with equal probability",
             LightSampling::Contribution => "a few lights, by what each would send to the point without occluders",
             LightSampling::Zones => "a few of the lights whose photons reach the zone of the point",
+        })
+    });
+    PossibleValuesParser::new(values).try_map(|name| name.parse())
+}
+
+/// One of the ways to share samples out, by name.
+fn samplings() -> impl TypedValueParser<Value = Sampling> {
+    let values = Sampling::ALL.map(|sampling| {
+        PossibleValue::new(sampling.name()).help(match sampling {
+            Sampling::Uniform => "--spp samples of every pixel",
+            Sampling::Adaptive => {
+                "--spp samples of a pixel in the mean: up to eight times as many where there is noise, and half as \
+                 many where there is none"
+            }
         })
     });
     PossibleValuesParser::new(values).try_map(|name| name.parse())

@@ -202,26 +202,31 @@ impl Plane {
         frame.run(&self.bound, tile.pixel_count, &parameters);
     }
 
-    /// The mean of each pixel's samples, without those that were not finite. `samples` is the number recorded.
+    /// The mean of each pixel's samples, without those that were not finite. `samples` tells how many were recorded of
+    /// each.
     ///
     /// # Errors
     /// As [`Gpu::read`].
-    pub fn means(&self, gpu: &Gpu, samples: u32) -> Result<Vec<DVec4>> {
-        Ok(Plane::sums_of(&self.state(gpu)?, &|_| samples).iter().map(Sum::mean).collect())
+    pub fn means(&self, gpu: &Gpu, samples: &dyn Fn(usize) -> u32) -> Result<Vec<DVec4>> {
+        Ok(Plane::sums_of(&self.state(gpu)?, samples).iter().map(Sum::mean).collect())
     }
 
     /// The sums of a state that [`Plane::state`] returned. `samples` tells the number recorded of each pixel.
     pub fn sums_of(state: &[u32], samples: &dyn Fn(usize) -> u32) -> Vec<Sum> {
+        (0..state.len() / 8).map(|pixel| Plane::sum_of(state, pixel, samples(pixel))).collect()
+    }
+
+    /// The sum of one pixel in a state that [`Plane::state`] returned, of which that many samples were recorded.
+    pub fn sum_of(state: &[u32], pixel: usize, samples: u32) -> Sum {
         let (sums, compensations) = state.split_at(state.len() / 2);
         let vectors = bytemuck::cast_slice::<u32, [f32; 4]>;
-        let (sums, compensations) = (vectors(sums), vectors(compensations));
-        let sum = |(pixel, (sum, lost)): (usize, (&[f32; 4], &[f32; 4]))| Sum {
+        let (sum, lost) = (vectors(sums)[pixel], vectors(compensations)[pixel]);
+        Sum {
             // w of the compensations is the number of samples that were left out. w of the sums needs no compensation:
             // it is a sum of zeros and ones, and exact.
-            total: Vec4::from_array(*sum).as_dvec4() + Vec4::from_array(*lost).truncate().extend(0.0).as_dvec4(),
-            kept: f64::from(samples(pixel)) - f64::from(lost[3]),
-        };
-        sums.iter().zip(compensations).enumerate().map(sum).collect()
+            total: Vec4::from_array(sum).as_dvec4() + Vec4::from_array(lost).truncate().extend(0.0).as_dvec4(),
+            kept: f64::from(samples) - f64::from(lost[3]),
+        }
     }
 
     /// The state of the plane as words: sums, then compensations.

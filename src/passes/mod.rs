@@ -192,9 +192,9 @@ impl SampledPixels {
         Ok(sampled)
     }
 
-    /// Lists these pixels of a tile.
-    pub fn set(&self, gpu: &Gpu, list: &[u32]) {
-        let mut indices = vec![NOT_SAMPLED; (self.list_indices.bytes / 4) as usize];
+    /// Lists these pixels of a tile of `pixels` pixels.
+    pub fn set(&self, gpu: &Gpu, list: &[u32], pixels: usize) {
+        let mut indices = vec![NOT_SAMPLED; pixels];
         list.iter().zip(0..).for_each(|(pixel, index)| indices[*pixel as usize] = index);
         gpu.write(&self.list, list);
         gpu.write(&self.list_indices, &indices);
@@ -202,7 +202,8 @@ impl SampledPixels {
 
     /// Lists all pixels.
     pub fn set_all(&self, gpu: &Gpu) {
-        self.set(gpu, &(0..(self.list.bytes / 4) as u32).collect::<Vec<_>>());
+        let pixels = (self.list.bytes / 4) as usize;
+        self.set(gpu, &(0..pixels as u32).collect::<Vec<_>>(), pixels);
     }
 }
 

@@ -8,11 +8,12 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::blocks::Blocks;
+use super::blocks::{Blocks, PixelErrors};
 use super::denoise::{Colour, Denoiser, RELMSE_FLOOR};
 use super::renderer::Renderer;
 use super::tiles::first_half;
 use crate::Result;
+use crate::passes::film::{Plane, Sum};
 use crate::settings::{Denoise, ImageSettings};
 use crate::statistics::totals::Totals;
 
@@ -67,32 +68,74 @@ impl Renderer<'_> {
 
     /// The estimated relative squared error of each pixel of what `denoiser` makes of the image.
     fn squared_errors(&self, denoiser: &Denoiser) -> Result<Vec<f64>> {
-        let noisy = self.noisy()?;
-        let relative = |colour: &Colour, square: &dyn Fn(usize) -> f64| {
-            (0..3).map(|c| square(c) / (f64::from(colour[c]).powi(2) + RELMSE_FLOOR)).sum::<f64>() / 3.0
-        };
         if denoiser.choice() != Denoise::None
-            && let Some(denoised) = denoiser.denoise(self.gpu, &noisy)?
+            && let Some(denoised) = denoiser.denoise(self.gpu, &self.noisy()?)?
             && let Some(error) = denoised.error
         {
-            let pixel = |(colour, error): (_, &f32)| relative(colour, &|_| f64::from(*error).powi(2));
+            let pixel = |(colour, error): (_, &f32)| relative(colour, |_| f64::from(*error).powi(2));
             return Ok(denoised.colour.iter().zip(&error).map(pixel).collect());
         }
-        let colour = noisy.all.colour();
-        let Some([a, b]) = noisy.halves.map(|halves| halves.map(|half| half.colour())) else {
-            return Ok(vec![f64::INFINITY; colour.len()]);
-        };
-        let medians = medians(&colour, self.settings.image.part().width as usize);
-        let pixel = |pixel: usize| {
-            let samples = self.samples_of(pixel);
+        self.raw_errors()
+    }
+
+    /// The estimated relative squared error of each pixel of the raw image, which has two samples or more.
+    fn raw_errors(&self) -> Result<Vec<f64>> {
+        let width = self.settings.image.part().width as usize;
+        let samples: Vec<u32> =
+            (0..width * self.settings.image.part().height as usize).map(|pixel| self.samples_of(pixel)).collect();
+        let mut colours = Vec::new();
+        for tile in &self.tiles {
+            let samples = &samples[colours.len()..][..tile.rows().len() * width];
+            let planes = [Some(&tile.direct), tile.indirect.as_ref()];
+            let parts = planes.into_iter().flatten().zip(&tile.parts).map(|(plane, part)| {
+                let [even, odd] = &part.snapshots;
+                Ok([plane.state(self.gpu)?, even.state(self.gpu)?, odd.state(self.gpu)?])
+            });
+            let parts = parts.collect::<Result<Vec<_>>>()?;
+            let pixel = |(pixel, samples): (usize, &u32)| colours_of(&parts, pixel, *samples);
+            colours.par_extend(samples.par_iter().enumerate().map(pixel));
+        }
+        let whole: Vec<Colour> = colours.par_iter().map(|[whole, ..]| *whole).collect();
+        let medians = medians(&whole, width);
+        let pixel = |(pixel, [_, a, b]): (usize, &[Colour; 3])| {
+            let samples = samples[pixel];
             let part = f64::from(first_half(samples)) / f64::from(samples);
             // The variance of a mean over the mean squared difference of the means of its parts.
             let share = part * (1.0 - part);
             // Where both halves are bright, as at the edge of a lamp, the pixel is.
-            let typical = [0, 1, 2].map(|c| medians[pixel][c].max(a[pixel][c].min(b[pixel][c])));
-            relative(&typical, &|c| share * (f64::from(a[pixel][c]) - f64::from(b[pixel][c])).powi(2))
+            let typical = [0, 1, 2].map(|c| medians[pixel][c].max(a[c].min(b[c])));
+            relative(&typical, |c| share * (f64::from(a[c]) - f64::from(b[c])).powi(2))
         };
-        Ok((0..colour.len()).map(pixel).collect())
+        Ok(colours.par_iter().enumerate().map(pixel).collect())
+    }
+
+    /// Decides which pixels get more samples when the mean is twice as large as now, unless that is decided already.
+    pub(super) fn share_samples(&mut self) -> Result<()> {
+        let is_due = |blocks: &Blocks| blocks.is_complete() && self.samples > 1;
+        if !self.settings.image.shares_samples() || !self.blocks.as_ref().is_some_and(is_due) {
+            return Ok(());
+        }
+        let errors = match self.errors.take().filter(|errors| errors.samples == self.samples) {
+            Some(errors) => errors.of_pixels,
+            None => self.raw_errors()?,
+        };
+        let mean = self.samples.saturating_mul(2);
+        if let Some(blocks) = &mut self.blocks {
+            blocks.share_out(&errors, mean);
+        }
+        Ok(())
+    }
+
+    /// The relMSE of the raw image by what its samples do not share, where noise tells which pixels get samples.
+    pub(super) fn noise_of_samples(&mut self) -> Result<Option<f64>> {
+        if !self.settings.image.shares_samples() || self.samples < 2 {
+            return Ok(None);
+        }
+        let of_pixels = self.raw_errors()?;
+        // A single firefly counts as one wrong pixel.
+        let mean = of_pixels.iter().map(|error| error.min(1.0)).sum::<f64>() / of_pixels.len() as f64;
+        self.errors = Some(PixelErrors { samples: self.samples, of_pixels });
+        Ok(Some(mean))
     }
 
     /// Samples of a pixel so far.
@@ -110,6 +153,28 @@ impl Renderer<'_> {
     }
 }
 
+/// The mean of the relative squares of the channels of a pixel that looks like `colour`.
+fn relative(colour: &Colour, square: impl Fn(usize) -> f64) -> f64 {
+    (0..3).map(|c| square(c) / (f64::from(colour[c]).powi(2) + RELMSE_FLOOR)).sum::<f64>() / 3.0
+}
+
+/// The colours of a pixel by all of its samples and by two halves, from the states of the planes of each part of the
+/// light: its sum and the two snapshots.
+fn colours_of(parts: &[[Vec<u32>; 3]], pixel: usize, samples: u32) -> [Colour; 3] {
+    let half = first_half(samples);
+    let mut colours = [[0.0; 3]; 3];
+    for [whole, even, odd] in parts {
+        let whole = Plane::sum_of(whole, pixel, samples);
+        let first = Plane::sum_of(if half.ilog2().is_multiple_of(2) { even } else { odd }, pixel, half);
+        // A pixel without finite samples of a half tells nothing of the error: it counts as exact.
+        let of_half = |half: Sum| if half.kept > 0.0 { half.mean() } else { whole.mean() };
+        for (colour, mean) in colours.iter_mut().zip([whole.mean(), of_half(first), of_half(whole.without(&first))]) {
+            *colour = [0, 1, 2].map(|c| colour[c] + mean[c] as f32);
+        }
+    }
+    colours
+}
+
 /// The median of each pixel and those around it, by channel. Relative to its own brightness, a firefly would have no
 /// large error.
 fn medians(colours: &[Colour], width: usize) -> Vec<Colour> {
@@ -117,13 +182,13 @@ fn medians(colours: &[Colour], width: usize) -> Vec<Colour> {
     let near = |i: usize, end: usize| i.saturating_sub(1)..(i + 2).min(end);
     let pixel = |pixel: usize| {
         let rows = near(pixel / width, height);
-        let around: Vec<Colour> =
-            rows.flat_map(|y| colours[y * width..][near(pixel % width, width)].iter().copied()).collect();
-        [0, 1, 2].map(|c| {
-            let mut values: Vec<f32> = around.iter().map(|colour| colour[c]).collect();
-            let middle = values.len() / 2;
-            *values.select_nth_unstable_by(middle, f32::total_cmp).1
-        })
+        let mut values = [[0.0; 9]; 3];
+        let mut count = 0;
+        for colour in rows.flat_map(|y| &colours[y * width..][near(pixel % width, width)]) {
+            (0..3).for_each(|c| values[c][count] = colour[c]);
+            count += 1;
+        }
+        values.map(|mut values| *values[..count].select_nth_unstable_by(count / 2, f32::total_cmp).1)
     };
     (0..colours.len()).into_par_iter().map(pixel).collect()
 }

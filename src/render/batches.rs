@@ -61,9 +61,21 @@ impl Renderer<'_> {
         if self.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());
         }
-        let batch = self.blocks.as_ref().and_then(Blocks::batch);
+        self.share_samples()?;
+        let batch = self.blocks_of_batch();
         let first_sample = self.first_sample(batch.as_ref());
         let layers = self.layers_of_batch(limit, first_sample, batch.as_ref());
+        let batches = match (&self.blocks, batch) {
+            (Some(_), Some(mut batch)) => {
+                batch.missing = layers;
+                vec![batch]
+            }
+            // The first two samples are shared out together.
+            (Some(blocks), None) => {
+                blocks.part(layers, to_power_of_two(first_sample.max(1)).max(2 - first_sample.min(2)))
+            }
+            (None, _) => Vec::new(),
+        };
         if self.batches > 0 && self.piece_sums.is_none() {
             self.repair_map()?;
         }
@@ -77,14 +89,19 @@ impl Renderer<'_> {
         let decided = self.totals.decided_points();
         let mut points = 0;
         for tile in 0..self.tiles.len() {
-            points += self.render_tile(tile, first_sample, layers, batch.as_ref())?;
+            if self.blocks.is_none() {
+                points += self.render_tile(tile, first_sample, layers, None)?;
+            }
+            for batch in &batches {
+                points += self.render_tile(tile, batch.first_sample, batch.missing, Some(batch))?;
+            }
         }
         if let Some(sums) = &mut self.piece_sums {
             sums.end();
         }
         self.samples = self.samples.max(first_sample + layers - self.settings.image.range().first);
-        if let (Some(blocks), Some(batch)) = (&mut self.blocks, &batch) {
-            blocks.add(batch, layers);
+        if let Some(blocks) = &mut self.blocks {
+            blocks.add(&batches);
         }
         self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, points);
         self.totals.add_audits(&decided);
@@ -104,6 +121,11 @@ impl Renderer<'_> {
         Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share }
     }
 
+    /// The next batch of blocks that are to reach a small error; none where pixels share samples out.
+    fn blocks_of_batch(&self) -> Option<Batch> {
+        self.blocks.as_ref().filter(|_| self.settings.image.noise.is_some()).and_then(Blocks::batch)
+    }
+
     /// The first sample of the next batch.
     fn first_sample(&self, batch: Option<&Batch>) -> u32 {
         batch.map_or(self.settings.image.range().first + self.samples, |batch| batch.first_sample)
@@ -111,7 +133,7 @@ impl Renderer<'_> {
 
     /// Samples per pixel of the next batch, if no limit makes them fewer.
     pub(super) fn next_layers(&self) -> u32 {
-        let batch = self.blocks.as_ref().and_then(Blocks::batch);
+        let batch = self.blocks_of_batch();
         self.layers_of_batch(u32::MAX, self.first_sample(batch.as_ref()), batch.as_ref())
     }
 
@@ -131,7 +153,7 @@ impl Renderer<'_> {
         let to_map = TILE_SAMPLES - samples % TILE_SAMPLES;
         let most = self.settings.image.piece.map_or(most, |_| most.min(to_map));
         // Halves of the samples are compared, which end at powers of two.
-        let to_power = (samples + 1).next_power_of_two() - samples;
+        let to_power = to_power_of_two(samples);
         if self.settings.estimates_error() { most.min(to_power) } else { most }
     }
 
@@ -155,14 +177,25 @@ impl Renderer<'_> {
         self.lighting.repair_map(&Shared { gpu, scene, gpu_scene, tile }, due, &mut self.totals)
     }
 
-    /// Runs the technique's second pass for `layers` samples of each pixel of a tile, or of those in the batch. Returns
-    /// the number of points.
-    fn render_tile(&mut self, index: usize, first_sample: u32, layers: u32, batch: Option<&Batch>) -> Result<u64> {
+    /// Runs the technique's second pass for `count` samples of each pixel of a tile, or of those in the batch, as many
+    /// at a time as fit. Returns the number of points.
+    fn render_tile(&mut self, index: usize, first_sample: u32, count: u32, batch: Option<&Batch>) -> Result<u64> {
         let film = &self.tiles[index];
-        let pixel_count = self.list_pixels(film, batch);
-        if pixel_count == 0 {
-            return Ok(0);
+        let (_, pixel_count) = self.list_pixels(film, batch);
+        let (mut points, mut sample) = (0, first_sample);
+        while pixel_count > 0 && sample < first_sample + count {
+            let fit = (self.tile_size.points / pixel_count).max(1).min(first_sample + count - sample);
+            // The film keeps the sums of powers of two.
+            let layers = if batch.is_some() { fit.min(to_power_of_two(sample)) } else { fit };
+            points += self.render_layers(index, pixel_count, sample, layers)?;
+            sample += layers;
         }
+        Ok(points)
+    }
+
+    /// As [`Renderer::render_tile`], for `layers` samples of the listed pixels, which fit.
+    fn render_layers(&mut self, index: usize, pixel_count: u32, first_sample: u32, layers: u32) -> Result<u64> {
+        let film = &self.tiles[index];
         let tile = film.tile(&self.settings, pixel_count, first_sample, layers);
         let mut frame = self.gpu.frame("sample");
         frame.clear(&self.buffers.counters);
@@ -195,15 +228,17 @@ impl Renderer<'_> {
         Ok(u64::from(tile.point_count))
     }
 
-    /// Lists the pixels of a tile that get samples in the batch, if not all do, and returns their number.
-    pub(super) fn list_pixels(&self, film: &TileFilm, batch: Option<&Batch>) -> u32 {
+    /// Lists the pixels of a tile that get samples in the batch for the kernels, if not all do. Returns the list, and
+    /// how many pixels get samples.
+    pub(super) fn list_pixels(&self, film: &TileFilm, batch: Option<&Batch>) -> (Option<Vec<u32>>, u32) {
         let width = self.settings.image.part().width;
         let (Some(blocks), Some(batch), Some(sampled)) = (&self.blocks, batch, &self.buffers.sampled_pixels) else {
-            return film.rows().len() as u32 * width;
+            return (None, film.rows().len() as u32 * width);
         };
         let pixels = batch.pixels(blocks, film.rows(), width);
-        sampled.set(self.gpu, &pixels);
-        pixels.len() as u32
+        sampled.set(self.gpu, &pixels, film.rows().len() * width as usize);
+        let count = pixels.len() as u32;
+        (Some(pixels), count)
     }
 
     /// Adds the kernels' counts for procedural objects since the last batch.
@@ -219,4 +254,9 @@ impl Renderer<'_> {
         self.gpu.write(misses, &[0u32; 2]);
         Ok(())
     }
+}
+
+/// Samples that are missing to the next power of two.
+fn to_power_of_two(samples: u32) -> u32 {
+    (samples + 1).next_power_of_two() - samples
 }

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::settings::ImageSettings;
@@ -18,14 +19,37 @@ const MIN_SAMPLES: u32 = 8;
 /// samples have half of the error and less, so the gain by a further sample falls to a quarter.
 const ROUND_GAIN: f64 = 0.25;
 
+/// Fewest and most samples of a pixel over the mean where pixels share samples out, both powers of two. Estimates of
+/// the noise are rough, so no pixel may have much more of it than with equal numbers; and where all noise is on a few
+/// pixels, more than so many times the samples there gain little.
+const MULTIPLES: [f64; 2] = [0.5, 8.0];
+
+/// Pixels to each side of one whose noise tells how many samples it gets: edges are one or two pixels wide.
+const REACH: usize = 2;
+
+/// Share of the mean variance of a sample that is added to that of each pixel: an estimate of none from a few samples
+/// does not mean that there is none.
+const MIN_VARIANCE: f64 = 1e-3;
+
+/// Numbers of samples are rounded to powers of two times the mean. In this part of an octave around the border between
+/// two of them some pixels are rounded up and others down, so that of equal pixels any part can get more.
+const ROUNDING: f64 = 0.25;
+
+/// Steps of the search for the numbers that use up the samples. Logarithms differ by up to 520 octaves, and so many
+/// halvings leave less than a millionth of one.
+const SHARE_STEPS: u32 = 32;
+
 /// The samples of each block so far, and which ones are next.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Blocks {
+    /// Side of a block in pixels.
+    side: u32,
     /// Blocks in a row of the image.
     columns: u32,
     /// Samples of each pixel of a block, row by row.
     samples: Vec<u32>,
-    /// Blocks that get more before the next estimate, those of equal numbers side by side.
+    /// Blocks that get more before the next estimate: those of equal numbers side by side, or where pixels share
+    /// samples out, those that are so in the image.
     next: Vec<Next>,
 }
 
@@ -46,21 +70,49 @@ pub(super) struct Batch {
     pub missing: u32,
 }
 
+/// Estimated errors of pixels.
+pub(super) struct PixelErrors {
+    /// The mean number of samples that a pixel had.
+    pub samples: u32,
+    /// The relMSE of each.
+    pub of_pixels: Vec<f64>,
+}
+
 impl Blocks {
-    /// No samples yet; the first ones are for all blocks.
-    pub fn new(image: &ImageSettings) -> Blocks {
+    /// Those of an image whose pixels get different numbers of samples; none of one where all get the same.
+    pub fn of(image: &ImageSettings) -> Option<Blocks> {
+        if image.noise.is_some() {
+            Some(Blocks::new(image, SIDE, image.spp.min(MIN_SAMPLES)))
+        } else {
+            image.shares_samples().then(|| Blocks::new(image, 1, 2))
+        }
+    }
+
+    /// No samples yet; the first `target` are for all blocks.
+    fn new(image: &ImageSettings, side: u32, target: u32) -> Blocks {
         let part = image.part();
-        let [columns, rows] = [part.width, part.height].map(|side| side.div_ceil(SIDE));
-        let target = image.spp.min(MIN_SAMPLES);
-        let next = (0..columns * rows).map(|block| Next { block, target }).collect();
-        Blocks { columns, samples: vec![0; (columns * rows) as usize], next }
+        let [columns, rows] = [part.width, part.height].map(|pixels| pixels.div_ceil(side));
+        let mut blocks = Blocks { side, columns, samples: vec![0; (columns * rows) as usize], next: Vec::new() };
+        blocks.next = blocks.in_order().map(|block| Next { block, target }).collect();
+        blocks
+    }
+
+    /// All blocks, those side by side that are so in the image: their rays are traced together.
+    fn in_order(&self) -> impl Iterator<Item = u32> + use<> {
+        let (columns, rows) = (self.columns, self.samples.len() as u32 / self.columns);
+        let near = SIDE / self.side;
+        let parts = move |end: u32| (0..end).step_by(near as usize).map(move |i| i..(i + near).min(end));
+        parts(rows).flat_map(move |ys| {
+            parts(columns).flat_map(move |xs| ys.clone().flat_map(move |y| xs.clone().map(move |x| y * columns + x)))
+        })
     }
 
     /// Whether it is of an image of that size.
     pub fn fits(&self, image: &ImageSettings) -> bool {
-        let new = Blocks::new(image);
+        let Some(new) = Blocks::of(image) else { return false };
         let is_block = |next: &Next| (next.block as usize) < new.samples.len();
-        self.columns == new.columns && self.samples.len() == new.samples.len() && self.next.iter().all(is_block)
+        let is_size = (self.side, self.columns, self.samples.len()) == (new.side, new.columns, new.samples.len());
+        is_size && self.next.iter().all(is_block)
     }
 
     /// The next blocks whose pixels have and will have equal numbers of samples; none before the next estimate.
@@ -72,11 +124,74 @@ impl Blocks {
         Some(Batch { blocks: same.map(|next| next.block).collect(), first_sample, missing: target - first_sample })
     }
 
-    /// Counts samples of each pixel of a batch.
-    pub fn add(&mut self, batch: &Batch, samples: u32) {
-        batch.blocks.iter().for_each(|block| self.samples[*block as usize] += samples);
+    /// Of the samples that blocks are to get, the part that `layers` are of `all`. No batch goes beyond a power of two,
+    /// so that those with more samples than others join the others first; each follows those before it.
+    pub fn part(&self, layers: u32, all: u32) -> Vec<Batch> {
+        let mut batches = BTreeMap::<(u32, u32), Vec<u32>>::new();
+        for Next { block, target } in &self.next {
+            let mut first = self.samples[*block as usize];
+            let missing = u64::from(target - first) * u64::from(layers);
+            let end = first + ((missing + u64::from(all) / 2) / u64::from(all)) as u32;
+            while first < end {
+                let next = (first + 1).next_power_of_two().min(end);
+                batches.entry((first, next - first)).or_default().push(*block);
+                first = next;
+            }
+        }
+        batches.into_iter().map(|((first_sample, missing), blocks)| Batch { blocks, first_sample, missing }).collect()
+    }
+
+    /// Counts the samples that batches were to get.
+    pub fn add(&mut self, batches: &[Batch]) {
+        for Batch { blocks, missing, .. } in batches {
+            blocks.iter().for_each(|block| self.samples[*block as usize] += missing);
+        }
         let Blocks { samples, next, .. } = self;
         next.retain(|next| samples[next.block as usize] < next.target);
+    }
+
+    /// Shares out as many samples as bring the mean of the blocks, which are single pixels, to `mean`, by the estimated
+    /// relMSE of each. The error of all is least where numbers are in proportion to the square roots of the variances
+    /// of samples (Neyman 1934). What decides on a pixel are those around it, whose samples are independent of its own:
+    /// else those that look clean by chance would remain so, and the image would be too dark.
+    pub fn share_out(&mut self, errors: &[f64], mean: u32) {
+        let logarithms = self.logarithms_of_shares(errors);
+        let [fewest, most] = MULTIPLES.map(f64::log2);
+        let target = |pixel: usize, scale: f64| {
+            let doublings = (logarithms[pixel] + scale).floor().clamp(fewest, most) as i32;
+            let target = if doublings < 0 { mean >> -doublings } else { mean.saturating_mul(1 << doublings) };
+            target.max(self.samples[pixel])
+        };
+        let budget = u64::from(mean) * self.samples.len() as u64;
+        let sum = |scale: f64| (0..logarithms.len()).into_par_iter().map(|i| u64::from(target(i, scale))).sum::<u64>();
+        let min = logarithms.iter().copied().fold(f64::INFINITY, f64::min);
+        let max = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let (mut fits, mut exceeds) = (fewest - max, most + 1.0 - min);
+        for _ in 0..SHARE_STEPS {
+            let middle = 0.5 * (fits + exceeds);
+            if sum(middle) <= budget { fits = middle } else { exceeds = middle }
+        }
+        let next = |block: u32| {
+            let target = target(block as usize, fits);
+            (target > self.samples[block as usize]).then_some(Next { block, target })
+        };
+        self.next = self.in_order().filter_map(next).collect();
+    }
+
+    /// For each pixel the logarithm to base 2 of its share of the samples, but for a summand that all have in common;
+    /// its floor is the one to take.
+    fn logarithms_of_shares(&self, errors: &[f64]) -> Vec<f64> {
+        let of_samples = |(error, samples): (&f64, &u32)| error.min(1.0) * f64::from(*samples);
+        let variances: Vec<f64> = errors.iter().zip(&self.samples).map(of_samples).collect();
+        let mean = variances.iter().sum::<f64>() / variances.len() as f64;
+        let more = (MIN_VARIANCE * mean).max(f64::MIN_POSITIVE);
+        let logarithm = |(pixel, variance): (usize, &f64)| {
+            let [x, y] = [pixel % self.columns as usize, pixel / self.columns as usize];
+            // Low-discrepancy numbers (Roberts 2018).
+            let spread = (x as f64 * 0.754_877_666_246_693 + y as f64 * 0.569_840_290_998_053).fract();
+            0.5 * (variance + more).log2() + 0.5 + ROUNDING * (spread - 0.5)
+        };
+        around(&variances, self.columns as usize).par_iter().enumerate().map(logarithm).collect()
     }
 
     /// Decides which blocks are next, by the estimated relMSE of each: `noise` is enough, and no block gets more than
@@ -112,7 +227,7 @@ impl Blocks {
 
     /// Samples of a pixel.
     pub fn samples_of(&self, pixel: usize, width: u32) -> u32 {
-        let [x, y] = [pixel % width as usize, pixel / width as usize].map(|i| i / SIDE as usize);
+        let [x, y] = [pixel % width as usize, pixel / width as usize].map(|i| i / self.side as usize);
         self.samples[y * self.columns as usize + x]
     }
 
@@ -142,8 +257,9 @@ impl Batch {
     /// The blocks' pixels in some rows of the image, by their indices there, block by block.
     pub fn pixels(&self, adaptive: &Blocks, rows: Range<u32>, width: u32) -> Vec<u32> {
         let in_block = |block: &u32| {
-            let [x, y] = [block % adaptive.columns * SIDE, block / adaptive.columns * SIDE];
-            let (columns, rows) = (x..(x + SIDE).min(width), y.max(rows.start)..(y + SIDE).min(rows.end));
+            let side = adaptive.side;
+            let [x, y] = [block % adaptive.columns * side, block / adaptive.columns * side];
+            let (columns, rows) = (x..(x + side).min(width), y.max(rows.start)..(y + side).min(rows.end));
             rows.flat_map(move |y| columns.clone().map(move |x| (y, x)))
         };
         let index = |(y, x): (u32, u32)| (y - rows.start) * width + x;
@@ -151,24 +267,46 @@ impl Batch {
     }
 }
 
+/// The mean of the values around each pixel of rows of `width`, without its own; the only value where there is no other.
+fn around(values: &[f64], width: usize) -> Vec<f64> {
+    let height = values.len() / width;
+    let near = |i: usize, end: usize| i.saturating_sub(REACH)..(i + REACH + 1).min(end);
+    let pixel = |pixel: usize| {
+        let [x, y] = [pixel % width, pixel / width];
+        let [rows, columns] = [near(y, height), near(x, width)];
+        let others = rows.len() * columns.len() - 1;
+        let sum: f64 = rows.map(|y| values[y * width..][columns.clone()].iter().sum::<f64>()).sum();
+        if others > 0 { (sum - values[pixel]).max(0.0) / others as f64 } else { sum }
+    };
+    (0..values.len()).into_par_iter().map(pixel).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::Sampling;
 
     /// The smallest part of the blocks that get samples together.
     const SHARE: f64 = 0.125;
 
-    fn image(width: u32, height: u32, spp: u32) -> ImageSettings {
-        ImageSettings { width, height, spp, ..ImageSettings::default() }
+    /// Of an image whose blocks get samples until they have little noise.
+    fn blocks(width: u32, height: u32, spp: u32) -> Blocks {
+        Blocks::of(&ImageSettings { width, height, spp, noise: Some(0.1), ..ImageSettings::default() }).unwrap()
+    }
+
+    /// Of an image whose pixels share samples out.
+    fn pixels(width: u32, height: u32, spp: u32) -> Blocks {
+        let sampling = Sampling::Adaptive;
+        Blocks::of(&ImageSettings { width, height, spp, sampling, ..ImageSettings::default() }).unwrap()
     }
 
     /// Adds all samples of the blocks that are next, at most `layers` at a time; the batches as blocks and numbers.
     fn render(adaptive: &mut Blocks, layers: u32) -> Vec<(Vec<u32>, u32, u32)> {
         let mut batches = Vec::new();
-        while let Some(batch) = adaptive.batch() {
-            let more = batch.missing.min(layers);
-            adaptive.add(&batch, more);
-            batches.push((batch.blocks, batch.first_sample, more));
+        while let Some(mut batch) = adaptive.batch() {
+            batch.missing = batch.missing.min(layers);
+            batches.push((batch.blocks.clone(), batch.first_sample, batch.missing));
+            adaptive.add(&[batch]);
         }
         batches
     }
@@ -177,7 +315,7 @@ mod tests {
     #[test]
     fn the_first_samples_are_for_all() {
         for (spp, first) in [(1, 1), (5, 5), (8, 8), (1000, 8)] {
-            let mut adaptive = Blocks::new(&image(17, 8, spp));
+            let mut adaptive = blocks(17, 8, spp);
             assert_eq!(render(&mut adaptive, u32::MAX), [(vec![0, 1, 2], 0, first)]);
             assert_eq!(adaptive.samples, [first; 3]);
         }
@@ -187,7 +325,7 @@ mod tests {
     /// are of blocks with equal numbers.
     #[test]
     fn samples_go_where_they_gain() {
-        let mut adaptive = Blocks::new(&image(64, 8, 40));
+        let mut adaptive = blocks(64, 8, 40);
         render(&mut adaptive, 8);
         // Gains by a sample: 1/8 of it. A quarter of the best is enough, and an error of 0.1 is.
         let errors = [0.1, 8.0, 2.0, 1.9, 0.2, 0.09, 0.0, 8.0];
@@ -207,7 +345,7 @@ mod tests {
     /// Of many blocks at least an eighth go together, those of the largest gain.
     #[test]
     fn rounds_are_not_too_small() {
-        let mut adaptive = Blocks::new(&image(8 * 16, 8, 64));
+        let mut adaptive = blocks(8 * 16, 8, 64);
         render(&mut adaptive, 8);
         let errors: Vec<f64> = (0..16).map(|block| 10f64.powi(block)).collect();
         adaptive.choose(&errors, 0.5, 64, SHARE);
@@ -218,7 +356,7 @@ mod tests {
     /// fewer pixels.
     #[test]
     fn errors_are_means_over_blocks_and_their_neighbours() {
-        let adaptive = Blocks::new(&image(26, 9, 64));
+        let adaptive = blocks(26, 9, 64);
         assert_eq!(adaptive.samples.len(), 8);
         let mut pixels = vec![0.0; 26 * 9];
         // One pixel of the block of 8 x 1 pixels below the first one.
@@ -234,7 +372,7 @@ mod tests {
     /// Tiles divide blocks; each pixel of a batch is in one of them.
     #[test]
     fn batches_list_each_pixel_once() {
-        let mut adaptive = Blocks::new(&image(26, 19, 64));
+        let mut adaptive = blocks(26, 19, 64);
         let parts = [0..5, 5..6, 6..16, 16..19];
         let pixels = |adaptive: &Blocks| -> Vec<u32> {
             let batch = adaptive.batch().unwrap();
@@ -260,10 +398,100 @@ mod tests {
     /// A block's samples are those of its pixels.
     #[test]
     fn pixels_have_the_samples_of_their_block() {
-        let mut adaptive = Blocks::new(&image(26, 9, 64));
+        let mut adaptive = blocks(26, 9, 64);
         adaptive.samples = (1..9).collect();
         for (pixel, samples) in [(0, 1), (7, 1), (8, 2), (25, 4), (7 * 26 + 8, 2), (8 * 26 + 8, 6), (8 * 26 + 25, 8)] {
             assert_eq!(adaptive.samples_of(pixel, 26), samples, "pixel {pixel}");
+        }
+    }
+
+    /// Gives all pixels their part of what was decided; the batches as numbers of pixels, first samples and samples.
+    fn add_part(shared: &mut Blocks, layers: u32, all: u32) -> Vec<(usize, u32, u32)> {
+        let batches = shared.part(layers, all);
+        shared.add(&batches);
+        batches.into_iter().map(|batch| (batch.blocks.len(), batch.first_sample, batch.missing)).collect()
+    }
+
+    /// The first two samples are for all pixels, one at a time.
+    #[test]
+    fn all_pixels_get_two_samples() {
+        let mut shared = pixels(3, 2, 100);
+        assert_eq!(add_part(&mut shared, 1, 2), [(6, 0, 1)]);
+        assert!(!shared.is_complete());
+        assert_eq!(add_part(&mut shared, 1, 1), [(6, 1, 1)]);
+        assert!(shared.is_complete() && shared.samples == [2; 6]);
+    }
+
+    /// Pixels around a noisy one get most, and that pixel itself, like those far away, fewest: its own samples do not
+    /// decide. The mean is what was requested, but for less than one in a hundred.
+    #[test]
+    fn noise_around_a_pixel_brings_samples() {
+        let mut shared = pixels(40, 40, 100);
+        add_part(&mut shared, 1, 1);
+        let noisy = 20 * 40 + 20;
+        let mut errors = vec![0.0; 40 * 40];
+        errors[noisy] = 0.5;
+        shared.share_out(&errors, 8);
+        let target = |x: usize, y: usize| {
+            let of_block = |next: &&Next| next.block as usize == y * 40 + x;
+            shared.next.iter().find(of_block).map_or(2, |next| next.target)
+        };
+        let around: Vec<u32> =
+            (18..23).flat_map(|y| (18..23).map(move |x| (x, y))).map(|(x, y)| target(x, y)).collect();
+        let far: Vec<u32> = [(0, 0), (17, 20), (20, 23), (39, 39)].map(|(x, y)| target(x, y)).into();
+        assert!(around.iter().enumerate().all(|(i, target)| i == 12 || *target == 64), "{around:?}");
+        assert!(far.iter().chain([&around[12]]).all(|target| [4, 8].contains(target)), "{far:?}, {}", around[12]);
+        let sum: u32 = (0..40).flat_map(|y| (0..40).map(move |x| (x, y))).map(|(x, y)| target(x, y)).sum();
+        let mean = f64::from(sum) / 1600.0;
+        assert!(mean > 7.92 && mean <= 8.0, "{mean}");
+    }
+
+    /// Numbers of samples are in proportion to the square roots of the variances of a sample, by powers of two.
+    #[test]
+    fn samples_follow_the_square_root_of_the_variance() {
+        // Halves of an image, one with four times the variance: twice the samples.
+        let mut shared = pixels(64, 16, 100);
+        add_part(&mut shared, 1, 1);
+        let errors: Vec<f64> = (0..64 * 16).map(|pixel| if pixel % 64 < 32 { 0.04 } else { 0.01 }).collect();
+        shared.share_out(&errors, 16);
+        let mean_of = |columns: Range<usize>| {
+            let of_columns = |next: &&Next| columns.contains(&(next.block as usize % 64));
+            let targets: Vec<u32> = shared.next.iter().filter(of_columns).map(|next| next.target).collect();
+            assert!(targets.len() == 12 * 16, "{}", targets.len());
+            f64::from(targets.iter().sum::<u32>()) / targets.len() as f64
+        };
+        // Away from the border between them; to an eighth of an octave, by which numbers are rounded.
+        let quotient = mean_of(10..22) / mean_of(42..54);
+        assert!(quotient > 2.0 / 1.1 && quotient < 2.0 * 1.1, "{quotient}");
+    }
+
+    /// Batches end at powers of two, in the order of their samples, and a part of a step is that part of its samples.
+    #[test]
+    fn batches_end_at_powers_of_two() {
+        let mut shared = pixels(4, 1, 100);
+        shared.samples = vec![2, 4, 4, 8];
+        let next = |(block, target): (u32, u32)| Next { block, target };
+        shared.next = [(0, 16), (1, 4), (2, 8), (3, 32)].map(next).into();
+        let numbers = |batches: Vec<Batch>| -> Vec<(Vec<u32>, u32, u32)> {
+            batches.into_iter().map(|batch| (batch.blocks, batch.first_sample, batch.missing)).collect()
+        };
+        let whole = [(vec![0], 2, 2), (vec![0, 2], 4, 4), (vec![0, 3], 8, 8), (vec![3], 16, 16)];
+        assert_eq!(numbers(shared.part(8, 8)), whole);
+        let quarter = [(vec![0], 2, 2), (vec![2], 4, 1), (vec![0], 4, 2), (vec![3], 8, 6)];
+        assert_eq!(numbers(shared.part(2, 8)), quarter);
+    }
+
+    /// Without noise anywhere all pixels get the same, and so does a single pixel.
+    #[test]
+    fn equal_pixels_share_equally() {
+        for [width, height] in [[1, 1], [1, 9], [12, 10]] {
+            for error in [0.0, 0.01, f64::INFINITY] {
+                let mut shared = pixels(width, height, 100);
+                add_part(&mut shared, 1, 1);
+                shared.share_out(&vec![error; (width * height) as usize], 4);
+                assert!(shared.next.iter().all(|next| next.target == 4), "{width} x {height}");
+                assert_eq!(shared.next.len(), (width * height) as usize);
+            }
         }
     }
 }

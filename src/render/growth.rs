@@ -5,7 +5,7 @@ use super::denoise::RELMSE_FLOOR;
 
 /// The noise of samples of one sequence over that of independent ones with the same differences: points that avoid each
 /// other differ more than they err, in the mean of few samples by 0.31 over 0.72 (docs/decisions.md, "Denoising").
-const AVOIDANCE: f64 = 0.5;
+pub(super) const AVOIDANCE: f64 = 0.5;
 
 /// The image when gather rays were decided on last, and what is known of their error.
 #[derive(Clone)]

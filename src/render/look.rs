@@ -84,13 +84,13 @@ impl Renderer<'_> {
         let view = ViewOf { gpu, scene: &self.scene, gpu_scene, features, camera, settings: &settings };
         let PreparedView { primary, film, lighting, indirect_kernels, buffers, tiles, tile_size, stage } =
             view.prepare(kernels, made, &mut totals)?;
-        self.blocks = settings.image.noise.map(|_| Blocks::new(&settings.image));
+        self.blocks = Blocks::of(&settings.image);
         (self.primary, self.film) = (primary, film);
         (self.lighting, self.indirect_kernels) = (lighting, indirect_kernels);
         (self.buffers, self.tiles, self.tile_size) = (buffers, tiles, tile_size);
         (self.camera, self.settings, self.totals) = (camera.clone(), settings, totals);
         (self.stage, self.samples, self.batches, self.shade_at_once) = (stage, 0, 0, false);
-        (self.growth, self.seconds_per_sample) = (None, None);
+        (self.growth, self.errors, self.seconds_per_sample) = (None, None, None);
         self.has_other_views = true;
         Ok(())
     }

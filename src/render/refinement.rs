@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use glam::{DVec3, DVec4};
 
-use super::growth::{Growth, error_of_rays, wants_rays};
+use super::growth::{AVOIDANCE, Growth, error_of_rays, wants_rays};
 use super::renderer::Renderer;
 use super::stages::{LAST_STAGE, grows, settings_of_stage, stage};
 use crate::Result;
@@ -16,7 +16,7 @@ use crate::light_transport::indirect_light::{IndirectLight, IndirectSetup};
 use crate::light_transport::kernels::IndirectKernels;
 use crate::light_transport::shared::Shared;
 use crate::passes::cache::BoundCache;
-use crate::passes::film::Change;
+use crate::passes::film::{Change, Plane};
 use crate::statistics::Rays;
 
 impl Renderer<'_> {
@@ -27,8 +27,7 @@ impl Renderer<'_> {
         if has_map { stage(&self.settings, samples, self.estimates_growth()) } else { self.stage }
     }
 
-    /// Whether estimates of errors tell when there are more gather rays. They need the film of all pixels with equal
-    /// numbers of samples.
+    /// Whether estimates of errors tell when there are more gather rays.
     fn estimates_growth(&self) -> bool {
         let has_records = self.lighting.indirect.as_ref().is_some_and(IndirectLight::has_records);
         has_records && grows(&self.settings)
@@ -85,7 +84,10 @@ impl Renderer<'_> {
         let mut means = self.pixel_means()?;
         let (mut error, first) = (None, self.stage);
         if let Some(growth) = self.growth.take() {
-            let noise = growth.noise(&means, self.samples);
+            let noise = match self.noise_of_samples()? {
+                Some(noise) => AVOIDANCE * noise,
+                None => growth.noise(&means, self.samples),
+            };
             error = growth.error;
             while let Some(stage) = self.next_that_fits(fits) {
                 let factor = f64::from(stage - self.stage).exp2();
@@ -110,8 +112,10 @@ impl Renderer<'_> {
     fn pixel_means(&self) -> Result<Vec<f32>> {
         let mut means = Vec::new();
         for film in &self.tiles {
-            let direct = film.direct.means(self.gpu, self.samples)?;
-            let indirect = film.indirect.as_ref().map(|plane| plane.means(self.gpu, self.samples)).transpose()?;
+            let first = means.len();
+            let means_of = |plane: &Plane| plane.means(self.gpu, &|pixel| self.samples_of(first + pixel));
+            let direct = means_of(&film.direct)?;
+            let indirect = film.indirect.as_ref().map(means_of).transpose()?;
             let mean = |(i, direct): (usize, &DVec4)| {
                 let all = *direct + indirect.as_ref().map_or(DVec4::ZERO, |indirect| indirect[i]);
                 mean_of_channels(all.truncate())
@@ -162,9 +166,12 @@ impl Renderer<'_> {
             return Ok(changes);
         };
         for film in &self.tiles {
+            let first_pixel = changes.len();
+            changes.resize(first_pixel + film.rows().len() * self.settings.image.part().width as usize, 0.0);
+            let of_film = &mut changes[first_pixel..];
             for batch in self.blocks.as_ref().map_or(vec![None], |blocks| blocks.by_samples().map(Some).collect()) {
                 let samples = batch.as_ref().map_or(self.samples, |batch| batch.first_sample);
-                let pixel_count = self.list_pixels(film, batch.as_ref());
+                let (pixels, pixel_count) = self.list_pixels(film, batch.as_ref());
                 if pixel_count == 0 || samples == 0 {
                     continue;
                 }
@@ -174,13 +181,14 @@ impl Renderer<'_> {
                 self.primary.record(&mut frame, &tile);
                 indirect.change(&mut frame, before, &tile);
                 let inputs = self.buffers.film_inputs();
-                let of_film = Change { change, pixel_count, earlier_samples: samples, inputs };
-                film.correct(self.gpu, &self.film, &mut frame, of_film)?;
+                let of_batch = Change { change, pixel_count, earlier_samples: samples, inputs };
+                film.correct(self.gpu, &self.film, &mut frame, of_batch)?;
                 frame.submit()?;
                 let differences: Vec<[f32; 4]> = self.gpu.read(change, pixel_count as usize)?;
-                changes.extend(
-                    differences.iter().map(|[r, g, b, _]| mean_of_channels(DVec3::from([*r, *g, *b].map(f64::from)))),
-                );
+                for (i, [r, g, b, _]) in differences.into_iter().enumerate() {
+                    let pixel = pixels.as_ref().map_or(i, |pixels| pixels[i] as usize);
+                    of_film[pixel] = mean_of_channels(DVec3::from([r, g, b].map(f64::from)));
+                }
                 self.totals.gather_rays += u64::from(pixel_count);
             }
         }

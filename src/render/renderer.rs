@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
-use super::blocks::Blocks;
+use super::blocks::{Blocks, PixelErrors};
 use super::growth::Growth;
 use super::keeping::Keeping;
 use super::notes::notes;
@@ -68,10 +68,12 @@ pub struct Renderer<'g> {
     pub(super) buffers: TileBuffers,
     pub(super) tiles: Vec<TileFilm>,
     pub(super) tile_size: TileSize,
-    /// Samples of the pixels that have most.
+    /// Samples of the pixels that have most, or of a pixel in the mean where noise shares them out.
     pub(super) samples: u32,
     /// Which pixels get samples, if some get more than others.
     pub(super) blocks: Option<Blocks>,
+    /// What told whether there are more gather rays, for the decision on samples that follows.
+    pub(super) errors: Option<PixelErrors>,
     /// See [`crate::passes::shade::ShadeParameters::at_once`].
     pub(super) shade_at_once: bool,
     /// The specialisation with photons of visibility, while the first sample is to tell whether they pay: see
@@ -207,7 +209,8 @@ impl<'g> Renderer<'g> {
             tiles,
             tile_size,
             samples: 0,
-            blocks: settings.image.noise.map(|_| Blocks::new(&settings.image)),
+            blocks: Blocks::of(&settings.image),
+            errors: None,
             shade_at_once,
             with_photons,
             piece_sums,
@@ -224,7 +227,7 @@ impl<'g> Renderer<'g> {
         self.tiles.iter().flat_map(|tile| tile.planes().chain(&tile.classes))
     }
 
-    /// Samples per pixel so far; of a piece, those that it has. With
+    /// Samples per pixel so far, in the mean; of a piece, those that it has. With
     /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) these are the samples of the pixels that have
     /// most.
     pub fn samples(&self) -> u32 {

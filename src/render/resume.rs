@@ -98,7 +98,7 @@ impl Renderer<'_> {
         }
         let image = &self.settings.image;
         if header.stage > LAST_STAGE
-            || header.blocks.is_some() != image.noise.is_some()
+            || header.blocks.is_some() != self.blocks.is_some()
             || header.blocks.as_ref().is_some_and(|blocks| !blocks.fits(image))
         {
             return Err(damaged());

@@ -1,6 +1,6 @@
 //! [`SettingsBuilder`]: settings by chained calls.
 
-use super::{Aov, Denoise, LightSampling, SampleRange, Settings, Technique};
+use super::{Aov, Denoise, LightSampling, SampleRange, Sampling, Settings, Technique};
 use crate::Result;
 
 /// Builds [`Settings`] from the defaults; [`SettingsBuilder::build`] checks the ranges.
@@ -37,6 +37,7 @@ macro_rules! setters {
 setters! {
     technique: Technique => "Settings::technique", technique;
     spp: u32 => "ImageSettings::spp", image.spp;
+    sampling: Sampling => "ImageSettings::sampling", image.sampling;
     piece: SampleRange => "ImageSettings::piece", image.piece;
     seed: u32 => "ImageSettings::seed", image.seed;
     denoise: Denoise => "ImageSettings::denoise", image.denoise;

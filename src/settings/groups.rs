@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::{Aov, Denoise, LightSampling, Settings};
+use super::{Aov, Denoise, LightSampling, Sampling, Settings};
 
 /// The image: its size, samples and channels.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -15,8 +15,11 @@ pub struct ImageSettings {
     pub height: u32,
     /// The part that is rendered. `None`: all of it.
     pub crop: Option<Crop>,
-    /// Samples per pixel, at least 1. A single sample goes through the centre of the pixel.
+    /// Samples per pixel, at least 1: of each, or in the mean, as `sampling` says. A single sample goes through the
+    /// centre of the pixel.
     pub spp: u32,
+    /// Which pixels get how many. [`Sampling::Adaptive`] is not for pieces.
+    pub sampling: Sampling,
     /// The samples of a piece, of which others have the rest: no sample learns from another one then, so that pieces
     /// have the same bits whatever the cut. `None`: all samples, of which later ones learn from earlier ones.
     #[serde(rename = "samples")]
@@ -142,6 +145,12 @@ impl ImageSettings {
     pub fn range(&self) -> SampleRange {
         self.piece.unwrap_or(SampleRange { first: 0, end: self.spp })
     }
+
+    /// Whether pixels with noise around them get samples that others do without. With `noise`, blocks get samples until
+    /// they have enough.
+    pub(crate) fn shares_samples(&self) -> bool {
+        self.sampling == Sampling::Adaptive && self.spp > 2 && self.noise.is_none()
+    }
 }
 
 impl Default for ImageSettings {
@@ -151,6 +160,7 @@ impl Default for ImageSettings {
             height: 512,
             crop: None,
             spp: 16,
+            sampling: Sampling::Uniform,
             piece: None,
             seed: 0,
             aovs: Vec::new(),

@@ -71,8 +71,12 @@ impl Specialisation {
         }
         let cost = format!("{} of lists, and up to {} of film", bytes_text(pixels * 8), bytes_text(pixels * 4 * 32));
         let noise = settings.image.noise;
-        let reason = noise.map_or(String::new(), |noise| format!("pixels get samples until their relMSE is {noise}"));
-        self.decide(Feature::AdaptiveSampling, noise.is_some(), reason, "all pixels get the same samples", &cost);
+        let adaptive = noise.is_some() || settings.image.shares_samples();
+        let reason = noise.map_or_else(
+            || "pixels with noise around them get more samples".to_owned(),
+            |noise| format!("pixels get samples until their relMSE is {noise}"),
+        );
+        self.decide(Feature::AdaptiveSampling, adaptive, reason, "all pixels get the same samples", &cost);
         let cost = "a read of the fine cells at every point";
         self.decide(Feature::ShownCells, false, String::new(), "no window shows them", cost);
         let hides = scene.environment().is_some() && !shown;

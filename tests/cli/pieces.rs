@@ -86,6 +86,7 @@ fn what_pieces_cannot_be_is_refused() {
         ("--samples 3", &["--samples", "0..16"]),
         ("--samples 0..6 --time 1", &["--time cannot be with --samples"]),
         ("--samples 0..6 --noise 1e-3", &["--noise cannot be with --samples"]),
+        ("--samples 0..6 --sampling adaptive", &["--sampling cannot be with --samples"]),
         ("--samples 0..6 --aov shadow", &["--aov cannot be with --samples"]),
     ] {
         render(arguments, &output).assert_refused(2, words);

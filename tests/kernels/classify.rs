@@ -73,7 +73,7 @@ impl<'a> Setup<'a> {
         let mut tile = TileBuffers::new(gpu, &features, self.tile.point_count, false).unwrap();
         tile.points = published(gpu, "test/points", self.points);
         if let (Some(sampled), Some(list)) = (&tile.sampled_pixels, &self.listed) {
-            sampled.set(gpu, list);
+            sampled.set(gpu, list, self.tile.point_count as usize);
         }
         let grid = Grid::new(gpu, &features, self.nearest)
             .unwrap()

@@ -88,7 +88,7 @@ fn sums_of_65536_samples_lose_nothing(gpu: &Gpu) {
         gpu.write(&samples, batch);
         add(gpu, &plane, &tile(PIXELS as u32, LAYERS as u32), 0);
     }
-    let got = plane.means(gpu, (BATCHES * LAYERS) as u32).unwrap();
+    let got = plane.means(gpu, &|_| (BATCHES * LAYERS) as u32).unwrap();
     let expected = means(batches.iter().flatten(), PIXELS);
     // The relative error of a compensated sum of n numbers of one sign is at most 2^-24 + n 2^-48.
     let found = error(&got, &expected);
@@ -129,7 +129,7 @@ fn samples_that_are_not_finite_are_left_out_and_counted(gpu: &Gpu) {
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let plane = film.plane(gpu, pixels as u32, &buffer, inputs(&counters)).unwrap();
         add(gpu, &plane, &tile(pixels as u32, layers as u32), 0);
-        let got = plane.means(gpu, layers as u32).unwrap();
+        let got = plane.means(gpu, &|_| layers as u32).unwrap();
         let found = error(&got, &means(samples.iter(), pixels));
         assert!(found <= 1e-6, "{pixels} pixels: relative error {found}");
         let mut expected = [0u32; Counter::COUNT];
@@ -155,7 +155,7 @@ fn the_layers_of_one_light_are_found_among_many(gpu: &Gpu) {
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let plane = film(gpu).plane(gpu, PIXELS, &buffer, inputs(&counters)).unwrap();
         add(gpu, &plane, &tile, first_point);
-        let got = plane.means(gpu, LAYERS).unwrap();
+        let got = plane.means(gpu, &|_| LAYERS).unwrap();
         let expected = |own: std::ops::Range<usize>| means(samples[own].iter(), PIXELS as usize);
         assert!(error(&got, &expected(own.clone())) <= 1e-6, "from {first_point}");
         assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), [0; Counter::COUNT], "from {first_point}");
@@ -184,8 +184,8 @@ fn a_snapshot_keeps_the_sums_so_far(gpu: &Gpu) {
         add(gpu, &sums, &half, half.point_count);
         let first = means(samples[..samples.len() / 2].iter(), pixels);
         let all = means(samples.iter(), pixels);
-        assert!(error(&snapshot.means(gpu, layers as u32 / 2).unwrap(), &first) <= 1e-6, "{pixels} pixels");
-        assert!(error(&sums.means(gpu, layers as u32).unwrap(), &all) <= 1e-6, "{pixels} pixels");
+        assert!(error(&snapshot.means(gpu, &|_| layers as u32 / 2).unwrap(), &first) <= 1e-6, "{pixels} pixels");
+        assert!(error(&sums.means(gpu, &|_| layers as u32).unwrap(), &all) <= 1e-6, "{pixels} pixels");
         assert!(error(&all, &first) > 1e-6, "the halves are not told apart");
     }
 }
@@ -269,7 +269,7 @@ fn squares_are_of_the_whole(gpu: &Gpu) {
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let plane = film(gpu).plane_of_squares(gpu, PIXELS as u32, [&a, &b], inputs(&counters)).unwrap();
         add(gpu, &plane, &tile(PIXELS as u32, LAYERS as u32), 0);
-        let got = plane.means(gpu, LAYERS as u32).unwrap();
+        let got = plane.means(gpu, &|_| LAYERS as u32).unwrap();
         let squares = |other: &[[f32; 4]]| {
             let square = |(i, x): (usize, &[f32; 4])| {
                 let y = other[i % other.len()];
@@ -355,7 +355,7 @@ fn changed_samples_are_as_if_they_had_been_so(gpu: &Gpu) {
             let whole = |(d, i): (&[f32; 4], &[f32; 4])| std::array::from_fn(|c| (d[c] + i[c]) * (d[c] + i[c]));
             direct.iter().zip(indirect).map(whole).collect()
         };
-        let got = [&sums, &squares].map(|plane| plane.means(gpu, LAYERS as u32).unwrap());
+        let got = [&sums, &squares].map(|plane| plane.means(gpu, &|_| LAYERS as u32).unwrap());
         // Sums of some samples of about 1 in f32, of which changes may take nearly all. w has no compensation.
         let largest = |by: f32| {
             let expected = [means(changed(by).iter(), pixels), means(square(&changed(by)).iter(), pixels)];

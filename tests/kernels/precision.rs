@@ -359,7 +359,7 @@ fn film(gpu: &Gpu) -> Vec<Row> {
         plane.record_from(&mut frame, &tile, batch * point_count);
         frame.submit().unwrap();
     }
-    let got = plane.means(gpu, LAYERS as u32).unwrap();
+    let got = plane.means(gpu, &|_| LAYERS as u32).unwrap();
     let names = ["uniform samples", "samples over eight decades", "0.1 each"];
     (0..3)
         .map(|c| {
