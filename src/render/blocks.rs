@@ -267,7 +267,7 @@ impl Batch {
     }
 }
 
-/// The mean of the values around each pixel of rows of `width`, without its own; the only value where there is no other.
+/// The mean of the values around each pixel of rows of `width`, without its own; the only one where there is no other.
 fn around(values: &[f64], width: usize) -> Vec<f64> {
     let height = values.len() / width;
     let near = |i: usize, end: usize| i.saturating_sub(REACH)..(i + REACH + 1).min(end);
