@@ -401,13 +401,12 @@ impl Settings {
             return refuse("image.piece", problem);
         }
         let with = "cannot be with `image.piece`:";
-        if self.image.noise.is_some() {
-            let problem = format!("{with} which pixels get samples would depend on those of other pieces");
-            return refuse("image.noise", problem);
-        }
-        if self.image.sampling == Sampling::Adaptive {
-            let problem = format!("{with} which pixels get samples would depend on those of other pieces");
-            return refuse("image.sampling", problem);
+        let is_adaptive = self.image.sampling == Sampling::Adaptive;
+        for (name, is_set) in [("image.noise", self.image.noise.is_some()), ("image.sampling", is_adaptive)] {
+            if is_set {
+                let problem = format!("{with} which pixels get samples would depend on those of other pieces");
+                return refuse(name, problem);
+            }
         }
         if self.technique.requirements().visibility == technique::Visibility::Adaptive {
             let problem = format!("{with} {} learns from earlier samples", self.technique);

@@ -52,8 +52,8 @@ impl Renderer<'_> {
 
     /// The expected relMSE of the raw image: half the squared difference of two halves of its samples, and an upper
     /// bound on the error of wrong classes that the audits have not met yet. It does not include the error of photon
-    /// maps of indirect light, which all samples share. `None` after a single sample, and without
-    /// [`ImageSettings::noise`] or a denoiser.
+    /// maps of indirect light, which all samples share. `None` after a single sample, and for equal numbers of samples
+    /// without [`ImageSettings::noise`] or a denoiser.
     ///
     /// # Errors
     /// As [`Renderer::image`].
@@ -81,8 +81,7 @@ impl Renderer<'_> {
     /// The estimated relative squared error of each pixel of the raw image, which has two samples or more.
     fn raw_errors(&self) -> Result<Vec<f64>> {
         let width = self.settings.image.part().width as usize;
-        let samples: Vec<u32> =
-            (0..width * self.settings.image.part().height as usize).map(|pixel| self.samples_of(pixel)).collect();
+        let samples: Vec<u32> = self.samples_of_all().collect();
         let mut colours = Vec::new();
         for tile in &self.tiles {
             let samples = &samples[colours.len()..][..tile.rows().len() * width];
@@ -146,10 +145,14 @@ impl Renderer<'_> {
 
     /// Mean number of samples of a pixel so far.
     pub fn mean_samples(&self) -> f64 {
+        let sum: u64 = self.samples_of_all().map(u64::from).sum();
+        sum as f64 / self.samples_of_all().len() as f64
+    }
+
+    /// Samples of each pixel so far.
+    fn samples_of_all(&self) -> impl ExactSizeIterator<Item = u32> {
         let part = self.settings.image.part();
-        let pixels = part.width as usize * part.height as usize;
-        let sum: u64 = (0..pixels).map(|pixel| u64::from(self.samples_of(pixel))).sum();
-        sum as f64 / pixels as f64
+        (0..part.width as usize * part.height as usize).map(|pixel| self.samples_of(pixel))
     }
 }
 

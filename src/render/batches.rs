@@ -70,10 +70,7 @@ impl Renderer<'_> {
                 batch.missing = layers;
                 vec![batch]
             }
-            // The first two samples are shared out together.
-            (Some(blocks), None) => {
-                blocks.part(layers, to_power_of_two(first_sample.max(1)).max(2 - first_sample.min(2)))
-            }
+            (Some(blocks), None) => blocks.part(layers, first_sample),
             (None, _) => Vec::new(),
         };
         if self.batches > 0 && self.piece_sums.is_none() {

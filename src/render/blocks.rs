@@ -1,5 +1,5 @@
-//! The blocks of pixels that adaptive sampling gives samples to: how many each has, and which ones are next. The
-//! samples of a block double each time, so that they remain stratified.
+//! The blocks of pixels that adaptive sampling gives samples to, or single pixels: how many each has, and which are
+//! next. Numbers of samples double where they grow, so that samples remain stratified.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -124,9 +124,11 @@ impl Blocks {
         Some(Batch { blocks: same.map(|next| next.block).collect(), first_sample, missing: target - first_sample })
     }
 
-    /// Of the samples that blocks are to get, the part that `layers` are of `all`. No batch goes beyond a power of two,
-    /// so that those with more samples than others join the others first; each follows those before it.
-    pub fn part(&self, layers: u32, all: u32) -> Vec<Batch> {
+    /// Of the samples that blocks are to get, the part that brings the mean from `mean` to `layers` more. No batch goes
+    /// beyond a power of two, so that blocks of few samples join those of more; each batch follows those before it.
+    pub fn part(&self, layers: u32, mean: u32) -> Vec<Batch> {
+        // Decisions are made at powers of two from 2 on.
+        let all = (mean + 1).next_power_of_two().max(2) - mean;
         let mut batches = BTreeMap::<(u32, u32), Vec<u32>>::new();
         for Next { block, target } in &self.next {
             let mut first = self.samples[*block as usize];
@@ -406,8 +408,8 @@ mod tests {
     }
 
     /// Gives all pixels their part of what was decided; the batches as numbers of pixels, first samples and samples.
-    fn add_part(shared: &mut Blocks, layers: u32, all: u32) -> Vec<(usize, u32, u32)> {
-        let batches = shared.part(layers, all);
+    fn add_part(shared: &mut Blocks, layers: u32, mean: u32) -> Vec<(usize, u32, u32)> {
+        let batches = shared.part(layers, mean);
         shared.add(&batches);
         batches.into_iter().map(|batch| (batch.blocks.len(), batch.first_sample, batch.missing)).collect()
     }
@@ -416,7 +418,7 @@ mod tests {
     #[test]
     fn all_pixels_get_two_samples() {
         let mut shared = pixels(3, 2, 100);
-        assert_eq!(add_part(&mut shared, 1, 2), [(6, 0, 1)]);
+        assert_eq!(add_part(&mut shared, 1, 0), [(6, 0, 1)]);
         assert!(!shared.is_complete());
         assert_eq!(add_part(&mut shared, 1, 1), [(6, 1, 1)]);
         assert!(shared.is_complete() && shared.samples == [2; 6]);
@@ -427,7 +429,7 @@ mod tests {
     #[test]
     fn noise_around_a_pixel_brings_samples() {
         let mut shared = pixels(40, 40, 100);
-        add_part(&mut shared, 1, 1);
+        add_part(&mut shared, 2, 0);
         let noisy = 20 * 40 + 20;
         let mut errors = vec![0.0; 40 * 40];
         errors[noisy] = 0.5;
@@ -451,7 +453,7 @@ mod tests {
     fn samples_follow_the_square_root_of_the_variance() {
         // Halves of an image, one with four times the variance: twice the samples.
         let mut shared = pixels(64, 16, 100);
-        add_part(&mut shared, 1, 1);
+        add_part(&mut shared, 2, 0);
         let errors: Vec<f64> = (0..64 * 16).map(|pixel| if pixel % 64 < 32 { 0.04 } else { 0.01 }).collect();
         shared.share_out(&errors, 16);
         let mean_of = |columns: Range<usize>| {
@@ -487,7 +489,7 @@ mod tests {
         for [width, height] in [[1, 1], [1, 9], [12, 10]] {
             for error in [0.0, 0.01, f64::INFINITY] {
                 let mut shared = pixels(width, height, 100);
-                add_part(&mut shared, 1, 1);
+                add_part(&mut shared, 2, 0);
                 shared.share_out(&vec![error; (width * height) as usize], 4);
                 assert!(shared.next.iter().all(|next| next.target == 4), "{width} x {height}");
                 assert_eq!(shared.next.len(), (width * height) as usize);
