@@ -298,8 +298,6 @@ fn restrained(light: vec4f, mean: vec3f, spread: f32, count: f32) -> vec4f {
     return select(light, vec4f(mean + sqrt(share) * d, share * light.w), far && explained && count >= MIN_NEIGHBOURS);
 }
 
-// Draws fireflies towards their neighbours: no confidence interval excludes them, as their own variance is so large.
-// Out too: the weights of the window for the passes that follow.
 // Means of direct and of indirect light, and the sums of squared distances from them, times weight.
 struct Moments {
     weights: f32,

@@ -145,7 +145,7 @@ fn arrange() {
 }
 
 // Maximum number of photons of a cell that is classified: with MAX_VISITS well below the 65,535 iterations that
-// lavapipe grants an invocation. Points of other cells are searched for one by one.
+// lavapipe grants an invocation. Other cells have no class.
 const MAX_OWN_PHOTONS = 2048u;
 const NO_CODE = 0xffffffffu;
 

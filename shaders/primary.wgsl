@@ -55,7 +55,9 @@ fn primary(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let i = pixel_by_pixel(tile, group_index(group, groups) * 64u + lane);
+    let invocation = group_index(group, groups) * 64u + lane;
+    let has_point = invocation < tile.point_count;
+    let i = pixel_by_pixel(tile, invocation);
     let seed = pixel_seed(tile, i);
     let sample_index = tile_sample(tile, i);
     let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.centred == 0u);
@@ -63,7 +65,7 @@ fn primary(
     @if(!thin_lens) let camera = camera_ray(film);
     @if(thin_lens) let camera = through_lens(camera_ray(film), sobol2(sample_index, hash2(seed, DIMENSION_LENS)));
     var ray = no_ray();
-    if i < tile.point_count { ray = camera.ray; }
+    if has_point { ray = camera.ray; }
     let hit = trace_closest_together(ray, RaySample(hash2(seed, DIMENSION_ALPHA), sample_index), lane);
     let met = hit.triangle != NO_HIT;
     var found: SurfaceHit;
@@ -84,7 +86,7 @@ fn primary(
     }
     @if(guides && alpha_test) { chance = chance_of_blending(hit); }
     @if(specular_chains) let chain = chain_from(&found, &direct, met, seed, sample_index, lane);
-    if i >= tile.point_count { return; }
+    if !has_point { return; }
     @if(guides) {
         var guide_albedo = vec3f(0.0);
         var guide_normal = vec3f(0.0);

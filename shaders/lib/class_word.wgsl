@@ -1,5 +1,5 @@
 // Class words: what the photons say of a candidate (a point and a light), packed into 32 bits, and the decisions that
-// follow from it: whether shadow rays are traced, and whether the class is audited. The bits are in src/kernels.rs.
+// follow from it: whether shadow rays are traced, and whether it is audited. src/kernels/numbers.rs has the bits.
 // Paper, "Extending the photon map": the three cases and equation 1.
 
 import package::lib::rng::{hash3, uniform_from_bits};
@@ -23,11 +23,6 @@ fn boundary_word(visibility: f32, nearest: u32) -> u32 {
 
 fn class_of(word: u32) -> u32 {
     return word & CLASS_MASK;
-}
-
-// The same word with another class.
-fn with_class(word: u32, class_: u32) -> u32 {
-    return (word & ~CLASS_MASK) | class_;
 }
 
 fn class_illumination(word: u32) -> u32 {

@@ -34,7 +34,7 @@ struct Tile {
 @if(adaptive_sampling) @group(1) @binding(35) var<storage, read> list_indices: array<u32>;
 
 // The point of an invocation, if invocations of neighbouring lanes are to have the samples of one pixel: their rays
-// visit the same nodes.
+// visit the same nodes. Invocations beyond the last point have points of others.
 fn pixel_by_pixel(tile: Tile, invocation: u32) -> u32 {
     let layers = quotient(tile.point_count, tile.pixel_count);
     // By rows, of which there are fewer than `quotient` is for.

@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     }
     let is_software = device.as_ref().is_some_and(|device| device.is_software());
     let mut outcomes = match &arguments.images {
-        Some(folder) => cases.iter().map(|case| compare(case, folder)).collect(),
+        Some(folder) => cases.iter().map(|case| compare(case, folder, &arguments.cases)).collect(),
         None => arguments.render_all(&cases, is_software)?,
     };
     for outcome in &mut outcomes {
@@ -216,14 +216,14 @@ impl Arguments {
 }
 
 /// Compares an image of another renderer.
-fn compare(case: &Case, folder: &Path) -> Outcome {
+fn compare(case: &Case, folder: &Path, cases: &Path) -> Outcome {
     let files = ["exr", "png", "hdr"].map(|extension| folder.join(format!("{}.{extension}", case.name)));
     let Some(file) = files.iter().find(|file| file.exists()) else {
         let problem = format!("there is no {}, nor .png or .hdr", files[0].display());
         return Outcome::broken(case, String::new(), 0.0, problem);
     };
     match Image::read(file) {
-        Ok(image) => Outcome::of(case, String::new(), 0.0, image, None, baseline(case, Path::new("CASES.toml"))),
+        Ok(image) => Outcome::of(case, String::new(), 0.0, image, None, baseline(case, cases)),
         Err(problem) => Outcome::broken(case, String::new(), 0.0, problem.to_string()),
     }
 }

@@ -330,7 +330,7 @@ impl Session<'_> {
             },
         );
         rendered.map_err(|Failure { error, salvage }| {
-            // A fault of a file occurs before the first sample or after the image was written.
+            // A file is at fault before the first sample or after the image was written.
             if let Some(salvage) = salvage.filter(|_| !matches!(error, Error::Output { .. } | Error::Input { .. })) {
                 self.stopped = true;
                 let Salvage { image, statistics, checkpoint } = *salvage;
@@ -356,7 +356,12 @@ impl Session<'_> {
         }
         let mut display = Display::new(Goal { spp: self.spp, deadline }, arguments.quiet);
         let mut written = Instant::now();
-        while renderer.wants_samples(self.denoiser)? {
+        let failed = loop {
+            match unless_lost(renderer.wants_samples(self.denoiser))? {
+                Ok(true) => {}
+                Ok(false) => break None,
+                Err(problem) => break Some(problem),
+            }
             let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()).as_secs_f64());
             let progress = match left {
                 None => Some(renderer.render_batch()?),
@@ -364,10 +369,10 @@ impl Session<'_> {
                 Some(left) if arguments.checkpoint.is_some() => renderer.render_batch_within(left)?,
                 Some(left) => renderer.render_within(left)?,
             };
-            let Some(progress) = progress else { break };
+            let Some(progress) = progress else { break None };
             display.update(&progress);
             if self.interrupt.raised() {
-                break;
+                break None;
             }
             if let Some(path) = arguments.checkpoint.as_ref().filter(|_| written.elapsed() > CHECKPOINT) {
                 // A disk that is full now may have room the next time.
@@ -376,18 +381,20 @@ impl Session<'_> {
                 }
                 written = Instant::now();
             }
-        }
+        };
         drop(display);
-        self.stopped = self.interrupt.raised() && renderer.wants_samples(self.denoiser)?;
+        self.stopped = failed.is_some();
+        if !self.stopped && self.interrupt.raised() {
+            self.stopped = unless_lost(renderer.wants_samples(self.denoiser))?.unwrap_or(true);
+        }
         self.notes.say(renderer.notes());
         let checkpoint = arguments.checkpoint.as_ref().map(|_| renderer.checkpoint()).transpose()?;
         let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
         self.notes.say(renderer.note_on(&image).as_slice());
         let start = Instant::now();
-        let outcome = match renderer.add_denoised(&mut image, self.denoiser) {
-            // The library has failed, and the raw image is safe.
-            Err(problem @ Error::Input { .. }) => Err(problem),
-            outcome => Ok(outcome?),
+        let outcome = match failed {
+            Some(problem) => Err(problem),
+            None => unless_lost(renderer.add_denoised(&mut image, self.denoiser))?,
         };
         if self.denoiser.choice() != Denoise::None {
             statistics.time.denoise = start.elapsed().as_secs_f64();
@@ -450,6 +457,14 @@ impl Session<'_> {
         };
         let (choice, seconds) = (self.denoiser.choice(), statistics.time.denoise);
         say(format_args!("denoised by {choice} ({}) in {seconds:.2} s, {error}", names.join(", ")));
+    }
+}
+
+/// What a denoiser gives, apart from errors that lose the samples: where its library fails, the raw image is safe.
+fn unless_lost<T>(outcome: Result<T>) -> Result<Result<T>> {
+    match outcome {
+        Err(problem @ Error::Input { .. }) => Ok(Err(problem)),
+        outcome => Ok(Ok(outcome?)),
     }
 }
 

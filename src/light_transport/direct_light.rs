@@ -35,8 +35,11 @@ const SHADE_ITERATIONS: u32 = 32_768;
 const WIDE_LIGHT: f32 = 0.05;
 
 /// Maximum number of points of a tile. Adaptive shadow testing holds all lights of a point at once, and counts per
-/// tile, at most the light points of all lights, must fit in a word.
+/// tile, at most the light points of all lights, must fit in a word. Paths need neither.
 pub(crate) fn max_points(features: &Features, lights: usize, settings: &Settings) -> u32 {
+    if settings.technique.is_path_tracing() {
+        return u32::MAX;
+    }
     let lights = lights.max(1) as u32;
     if features.has(Feature::Ward) {
         return (CHUNK_CANDIDATES / lights).max(1);

@@ -182,7 +182,7 @@ impl BoundCells {
 }
 
 impl CellTable {
-    /// The class word of each cell, light by light, x fastest; see `shaders/lib/photon.wgsl`.
+    /// The class word of each cell, light by light, x fastest; see `shaders/lib/class_word.wgsl`.
     ///
     /// # Errors
     /// As [`Gpu::read`].

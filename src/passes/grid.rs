@@ -164,10 +164,11 @@ shared_struct! {
     }
 }
 
-/// Maximum number of requested cells: 6 MiB. Points in further cells search for their nearest photons one by one.
+/// Maximum number of requested cells: 6 MiB. If more are requested, no further cell gets a class, and points there
+/// trace shadow rays: which of them had an entry would depend on the order of invocations.
 const MAX_REQUESTS: usize = 1 << 18;
 
-/// The classification of requested cells, which runs after a sample's requests and before its searches.
+/// The classification of requested cells, which runs after a sample's requests and before `query` looks the classes up.
 #[derive(Clone)]
 pub struct ClassifyRequestedCells {
     arrange: BoundKernel,
@@ -185,8 +186,8 @@ impl ClassifyRequestedCells {
 }
 
 impl PhotonGrid {
-    /// The requested cells and their classes, as words. A resumed render needs them: whether a cell's class or a search
-    /// decides a point changes how its photons are counted, and with that the noise of its shadow rays.
+    /// The requested cells and their classes, as words. A resumed render needs them: whether a point
+    /// has the class of a requested cell or traces shadow rays changes the noise of the image.
     ///
     /// # Errors
     /// As [`Gpu::read`].

@@ -41,7 +41,8 @@ impl Renderer<'_> {
             self.totals.time_render += start.elapsed().as_secs_f64();
             let share = if denoiser.choice() == Denoise::None { ROUND_SHARE } else { DENOISED_SHARE };
             let unaudited = unaudited(&self.totals, self.settings.visibility_map.audit, self.mean_samples());
-            let ImageSettings { width, spp, .. } = self.settings.image;
+            let ImageSettings { spp, .. } = self.settings.image;
+            let width = self.settings.image.part().width;
             if let Some(blocks) = &mut self.blocks {
                 let errors = blocks.errors(&errors, width);
                 blocks.choose(&errors, noise - unaudited, spp, share);

@@ -283,7 +283,7 @@ impl ViewOf<'_> {
     pub fn prepare(&self, kernels: Kernels, made: MadeMaps, totals: &mut Totals) -> Result<PreparedView> {
         let start = Instant::now();
         let ViewOf { gpu, scene, gpu_scene, features, camera, settings } = *self;
-        let tile_size = TileSize::new(features, scene.lights.len(), settings);
+        let tile_size = TileSize::new(features, scene.lights.len(), settings)?;
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
         let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
         let primary = primary.bind(gpu, &buffers, gpu_scene)?;

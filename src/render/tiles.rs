@@ -5,13 +5,13 @@ use std::ops::Range;
 use kernel_kit::{Buffer, Frame, Gpu};
 
 use super::picture::Quantity;
-use crate::Result;
 use crate::light_transport::direct_light::{DirectLight, max_points};
 use crate::light_transport::shared::{TILE_POINTS, TILE_SAMPLES};
 use crate::passes::film::{Change, Film, Plane};
 use crate::passes::{GuideSamples, Tile, TileBuffers};
 use crate::settings::{Aov, ImageSettings, Settings};
 use crate::specialisation::features::Features;
+use crate::{Error, Result};
 
 /// The size of a tile.
 #[derive(Clone, Copy)]
@@ -25,16 +25,27 @@ pub(super) struct TileSize {
 
 impl TileSize {
     /// As many rows as fit, then as many samples as fit; `lights` is the number of the scene's lights.
-    pub fn new(features: &Features, lights: usize, settings: &Settings) -> TileSize {
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if a row has more pairs of points and lights than fit.
+    pub fn new(features: &Features, lights: usize, settings: &Settings) -> Result<TileSize> {
         let most = TILE_POINTS.min(max_points(features, lights, settings));
         let part = settings.image.part();
+        if most < part.width {
+            let problem = format!(
+                "with {lights} lights a row of pixels has room for {most} at most, not {}; set `image.crop` to less of \
+                 the image, or `light_sampling.strategy` or `shadow_rays.samples` to less of the lights",
+                part.width
+            );
+            return Err(Error::Usage(problem));
+        }
         let rows = (most / part.width).clamp(1, part.height);
         let layers = (most / (rows * part.width)).clamp(1, TILE_SAMPLES.min(settings.image.spp));
         let points = rows * part.width * layers;
         // A piece has irradiance records for the whole image, of every second pixel at most.
         let ImageSettings { width, height, piece, .. } = settings.image;
         let records = piece.map_or(0, |_| most.min(width.div_ceil(2) * height.div_ceil(2)).max(width));
-        TileSize { rows, layers, points: points.max(records) }
+        Ok(TileSize { rows, layers, points: points.max(records) })
     }
 }
 
@@ -232,5 +243,28 @@ impl TileFilm {
             centred: u32::from(image.spp == 1),
             ..Tile::default()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{Crop, Technique};
+
+    /// A row whose points and lights would overflow a counter is refused, and a part of it that does not is not.
+    #[test]
+    fn rows_of_too_many_light_points_are_refused() {
+        let size = |technique: Technique, width: u32| {
+            let settings =
+                Settings::builder().technique(technique).size(4096, 16).shadow_samples(1024).build().unwrap();
+            let settings = settings.with(|s| s.image.crop = Some(Crop { x: 0, y: 0, width, height: 16 }));
+            TileSize::new(&Features::default(), 2048, &settings)
+        };
+        // Of 2^21 light points a point, 2,047 points have less than 2^32.
+        assert_eq!(size(Technique::TWO_PASS, 2047).unwrap().rows, 1);
+        let problem = size(Technique::TWO_PASS, 2048).err().unwrap().to_string();
+        let told = ["2048 lights", "2047 at most", "`image.crop`", "`shadow_rays.samples`"];
+        assert!(told.iter().all(|words| problem.contains(words)), "{problem}");
+        assert_eq!(size(Technique::PATH, 4096).unwrap().rows, 16, "paths count no light points");
     }
 }

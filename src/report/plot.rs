@@ -23,9 +23,9 @@ const SIZE: (u32, u32) = (760, 460);
 const BAR: u32 = 44;
 const BELOW_BARS: u32 = 96;
 
-/// One colour per technique: Okabe and Ito's, which remain distinct for all types of colour vision on dark and light
-/// backgrounds, and two of Tol's. Dashes and filled points tell its denoisers apart.
-const COLOURS: [RGBColor; 9] = [
+/// One colour for each technique and for `auto`: Okabe and Ito's, which remain distinct for all types of colour vision
+/// on dark and light backgrounds, and others between them. Dashes and filled points tell its denoisers apart.
+const COLOURS: [RGBColor; 11] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -34,8 +34,13 @@ const COLOURS: [RGBColor; 9] = [
     RGBColor(86, 180, 233),
     RGBColor(170, 68, 153),
     RGBColor(153, 153, 51),
-    RGBColor(140, 140, 140),
+    RGBColor(140, 86, 75),
+    RGBColor(136, 34, 85),
+    RGBColor(92, 92, 214),
 ];
+
+/// The colour of passes without a legend entry of their own.
+const OTHERS: RGBColor = RGBColor(140, 140, 140);
 
 /// Pixels for a letter of a name beside a bar, with the text's margin, and for the shortest names.
 const LETTER: i32 = 8;
@@ -232,9 +237,14 @@ impl<'a> Legend<'a> {
         Legend { names, own }
     }
 
-    /// Index of a part's colour.
-    fn colour(&self, name: &str) -> usize {
-        self.names[..self.own].iter().position(|own| *own == name).unwrap_or(COLOURS.len() - 1)
+    /// A part's place among the entries, the last one for all parts without an own one.
+    fn place(&self, name: &str) -> usize {
+        self.names[..self.own].iter().position(|own| *own == name).unwrap_or(self.own)
+    }
+
+    /// A part's colour.
+    fn colour(&self, name: &str) -> RGBColor {
+        COLOURS[..self.own].get(self.place(name)).copied().unwrap_or(OTHERS)
     }
 }
 
@@ -262,11 +272,11 @@ fn draw_bars(area: &Area<'_>, bars: &[Bar], legend: &Legend<'_>, height: u32) ->
     for (index, Bar { entrant, parts }) in bars.iter().enumerate() {
         let row = (count - 1 - index) as f64;
         let mut from = 0.0;
-        let mut parts: Vec<_> = parts.iter().map(|(name, seconds)| (legend.colour(name), *seconds)).collect();
-        parts.sort_by_key(|part| part.0);
-        for (colour, seconds) in parts {
+        let mut parts: Vec<_> = parts.iter().collect();
+        parts.sort_by_key(|(name, _)| legend.place(name));
+        for (name, seconds) in parts {
             let corners = [(from, row + 0.2), (from + seconds, row + 0.8)];
-            chart.draw_series([Rectangle::new(corners, COLOURS[colour].filled())])?;
+            chart.draw_series([Rectangle::new(corners, legend.colour(name).filled())])?;
             from += seconds;
         }
         let (x, y) = chart.backend_coord(&(0.0, row + 0.5));
@@ -274,7 +284,7 @@ fn draw_bars(area: &Area<'_>, bars: &[Bar], legend: &Legend<'_>, height: u32) ->
     }
     for (index, name) in legend.names.iter().enumerate() {
         let (x, y) = (150 + 85 * index as i32, height as i32 - 75);
-        area.draw(&Rectangle::new([(x, y), (x + 10, y + 10)], COLOURS[legend.colour(name)].filled()))?;
+        area.draw(&Rectangle::new([(x, y), (x + 10, y + 10)], legend.colour(name).filled()))?;
         area.draw_text(name, &text_style().into_text_style(area), (x + 14, y - 2))?;
     }
     Ok(())
@@ -315,11 +325,10 @@ struct Series {
 impl Series {
     fn new(entrant: &EntrantReport, suffix: String, x: impl Fn(&SnapshotReport) -> f64) -> Series {
         let of = entrant.entrant;
-        let index =
-            Technique::all().map(Some).chain([None]).position(|technique| technique == of.technique).unwrap_or(0);
+        let mut coloured = Technique::all().map(Some).chain([None]).zip(COLOURS);
         Series {
             name: format!("{of}{suffix}"),
-            colour: COLOURS[index % COLOURS.len()],
+            colour: coloured.find(|(technique, _)| *technique == of.technique).map_or(OTHERS, |(_, colour)| colour),
             dash: match of.denoise {
                 Denoise::None => None,
                 Denoise::Statistical => Some([8, 4]),
@@ -564,4 +573,18 @@ fn axis(values: impl Iterator<Item = f64>) -> Range<f64> {
     let (low, high) = usable.fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), x| (low.min(x), high.max(x)));
     // An arbitrary range if there are no values.
     if low <= high { low / MARGIN..high * MARGIN } else { 0.1..10.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each technique has a curve of its own colour, and so has `auto`.
+    #[test]
+    fn no_two_techniques_share_a_colour() {
+        assert!(Technique::all().len() < COLOURS.len(), "a technique without a colour");
+        let distinct: std::collections::BTreeSet<_> =
+            COLOURS.iter().chain([&OTHERS]).map(|c| (c.0, c.1, c.2)).collect();
+        assert_eq!(distinct.len(), COLOURS.len() + 1);
+    }
 }

@@ -370,9 +370,9 @@ impl Settings {
     pub const MAX_SAMPLED_LIGHTS: u32 = 64;
     /// Maximum number of photons: a map of that size fills a storage buffer of 128 MiB several times.
     pub const MAX_PHOTONS: u32 = 1 << 26;
-    /// Maximum number of cells along a side: 2^24 cells in all.
+    /// Maximum number of cells along a side. Cells are larger where all lights together would have more than 2^22.
     pub const MAX_CELLS: u32 = 256;
-    /// Maximum number of rays from a cell to a light, as half a word counts them.
+    /// Maximum number of rays from a cell to a light: half a word, which counts them, has room for 16 times as many.
     pub const MAX_CELL_RAYS: u32 = 4096;
     /// Maximum number of cells along a side of a light buffer: one light then has three quarters of all cells.
     pub const MAX_LIGHT_BUFFER_CELLS: u32 = 256;

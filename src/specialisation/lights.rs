@@ -80,8 +80,8 @@ impl Specialisation {
         self.decide(
             Feature::ContributionSampling,
             sampling == LightSampling::Contribution,
-            "asked for".into(),
-            "not asked for",
+            "requested".into(),
+            "not requested",
             "two potentials of each light at every point",
         );
         let zones = sampling == LightSampling::Zones;

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use penumbra::Image;
 use penumbra::internal::render::film::View;
@@ -109,6 +110,62 @@ fn a_library_that_cannot_be_used_is_an_error_and_the_raw_image_is_safe() {
                 assert!(image.channel("denoised.G").is_none());
                 fs::remove_file(&exr).unwrap();
             }
+        }
+    }
+}
+
+/// A library of Open Image Denoise whose filter fails, or, as `no_filter`, one that gives none and no reason.
+const FAILING_LIBRARY: &str = r#"
+#![allow(non_snake_case)]
+use std::os::raw::{c_char, c_int};
+use std::sync::atomic::{AtomicBool, Ordering};
+static FAILED: AtomicBool = AtomicBool::new(false);
+#[no_mangle] pub extern "C" fn oidnNewDevice(_: c_int) -> usize { 1 }
+#[no_mangle] pub extern "C" fn oidnSetDeviceBool(_: usize, _: *const c_char, _: bool) {}
+#[no_mangle] pub extern "C" fn oidnCommitDevice(_: usize) {}
+#[no_mangle] pub extern "C" fn oidnReleaseDevice(_: usize) {}
+#[no_mangle] pub extern "C" fn oidnGetDeviceInt(_: usize, _: *const c_char) -> c_int { 20501 }
+#[no_mangle] pub unsafe extern "C" fn oidnGetDeviceError(_: usize, message: *mut *const c_char) -> c_int {
+    *message = b"out of patience\0".as_ptr() as *const c_char;
+    if FAILED.swap(false, Ordering::SeqCst) { 1 } else { 0 }
+}
+#[no_mangle] pub extern "C" fn oidnNewFilter(_: usize, _: *const c_char) -> usize { !cfg!(no_filter) as usize }
+#[no_mangle] pub extern "C" fn oidnSetSharedFilterImage(
+    _: usize, _: *const c_char, _: usize, _: c_int, _: usize, _: usize, _: usize, _: usize, _: usize) {}
+#[no_mangle] pub extern "C" fn oidnSetFilterBool(_: usize, _: *const c_char, _: bool) {}
+#[no_mangle] pub extern "C" fn oidnCommitFilter(_: usize) {}
+#[no_mangle] pub extern "C" fn oidnExecuteFilter(_: usize) { FAILED.store(true, Ordering::SeqCst) }
+#[no_mangle] pub extern "C" fn oidnReleaseFilter(_: usize) {}
+"#;
+
+/// Where the denoised image's error decides on samples, a library that fails ends the render. The samples so far are
+/// written, and a checkpoint of them.
+#[test]
+fn a_library_that_fails_between_samples_loses_none() {
+    let folder = folder();
+    let [source, raw, exr, state] = ["failing.rs", "raw.exr", "a.exr", "state"].map(|name| folder.path().join(name));
+    fs::write(&source, FAILING_LIBRARY).unwrap();
+    // Without an estimate all pixels get 8 samples.
+    render("--spp 8 --technique path", None, &[&raw]).assert_done();
+    let raw = Image::read(&raw).unwrap();
+    for (cfg, words) in [("filter", "out of patience"), ("no_filter", "it gave no filter, and no reason")] {
+        let library = folder.path().join(format!("{cfg}.so"));
+        let mut compiler = Command::new("rustc");
+        compiler.args(["--crate-type", "cdylib", "--cfg", cfg, "-o"]).arg(&library).arg(&source);
+        assert!(compiler.status().unwrap().success());
+        let arguments = format!(
+            "--spp 999 --technique path --noise 1e-9 --denoise oidn --oidn {} --checkpoint {}",
+            library.display(),
+            state.display()
+        );
+        let answer = render(&arguments, None, &[&exr]);
+        let last = answer.stderr.lines().last().unwrap();
+        let all = ["penumbra: error: ", &format!("{cfg}.so"), "Open Image Denoise failed", words];
+        assert!(answer.code == Some(3) && all.iter().all(|words| last.contains(words)), "{answer:?}");
+        assert!(answer.stderr.contains("stopped after 8.0"), "{answer:?}");
+        assert_eq!(bits(&Image::read(&exr).unwrap(), "G"), bits(&raw, "G"));
+        for file in [&exr, &state] {
+            fs::remove_file(file).unwrap();
         }
     }
 }

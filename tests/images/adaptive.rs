@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use penumbra::internal::scene::ImportOptions;
-use penumbra::settings::{Denoise, Sampling};
+use penumbra::settings::{Crop, Denoise, Sampling};
 use penumbra::{Aov, Denoiser, Image, Renderer, Scene, Settings, Technique};
 
 use crate::setup::{gpu, render, scene_file};
@@ -47,6 +47,9 @@ fn pixels_have_the_bits_of_uniform_renders() {
             s.indirect.irradiance_cache.gather_rays = Some(64);
         });
         assert_bits(&adaptive("sphere.glb", &settings, 2e-3, &Denoiser::default()), &settings);
+        // A part of an image has blocks of its own.
+        let part = settings.clone().with(|s| s.image.crop = Some(Crop { x: 13, y: 6, width: 31, height: 39 }));
+        assert_bits(&adaptive("sphere.glb", &part, 2e-3, &Denoiser::default()), &part);
         // Pixels get up to 80 samples, and gather rays grow with the mean.
         let direct = settings.with(|s| s.indirect.max_bounces = 0);
         assert_bits(&shared_out("sphere.glb", &direct, 10), &direct);

@@ -537,8 +537,8 @@ fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
     }
 }
 
-/// What the pass writes for a view of specular surfaces: albedo, normal and position as AOVs, then as guides.
-fn seen_over_chains(gpu: &Gpu, scene: Scene, camera: &Camera, size: [u32; 2], samples: u32) -> [Vec<Vec4>; 6] {
+/// Runs the pass for a view of specular surfaces. All outputs have room for one more point.
+fn trace_chains(gpu: &Gpu, scene: Scene, camera: &Camera, size: [u32; 2], samples: u32) -> TileBuffers {
     let stage = Stage::new(gpu, scene, camera, size, Technique::TWO_PASS, |features| {
         features
             .with(Feature::AovAlbedo, true)
@@ -559,6 +559,13 @@ fn seen_over_chains(gpu: &Gpu, scene: Scene, camera: &Camera, size: [u32; 2], sa
     let mut frame = gpu.frame("test");
     pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap().record(&mut frame, &tile);
     frame.submit().unwrap();
+    buffers
+}
+
+/// What the pass writes for a view of specular surfaces: albedo, normal and position as AOVs, then as guides.
+fn seen_over_chains(gpu: &Gpu, scene: Scene, camera: &Camera, size: [u32; 2], samples: u32) -> [Vec<Vec4>; 6] {
+    let buffers = trace_chains(gpu, scene, camera, size, samples);
+    let count = (size[0] * size[1] * samples) as usize;
     let read = |buffer: &kernel_kit::Buffer| -> Vec<Vec4> {
         let mut words: Vec<[u32; 4]> = gpu.read(buffer, count + 1).unwrap();
         assert_eq!(words.pop(), Some([POISON; 4]), "past the end of {}", buffer.label);
@@ -570,16 +577,33 @@ fn seen_over_chains(gpu: &Gpu, scene: Scene, camera: &Camera, size: [u32; 2], sa
     [albedo, normal, position, read(&guides.albedo), read(&guides.normal), read(&guides.position)]
 }
 
-/// A mirror in front of the camera, and behind the camera a wall: the guides are of the wall, in the mirror's colour.
-#[kernel_test("PENUMBRA_DEVICE")]
-fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
+/// A mirror, and behind the camera that looks at it a wall which shines.
+fn mirror_and_wall() -> (Scene, Camera) {
     let mirror = square(DVec3::new(0.0, 0.0, -0.5), DVec3::X * 0.6, DVec3::Y * 0.6);
     let wall = square(DVec3::new(0.0, 0.0, 0.6), DVec3::NEG_X * 0.7, DVec3::Y * 0.7);
     let polished = |base_colour: Vec4| Material { base_colour, metallic: 1.0, roughness: 0.0, ..surface(0.5, 0.0) };
     // Specular chains are followed only in a scene with light.
     let painted = Material { base_colour: Vec4::new(0.2, 0.4, 0.8, 1.0), ..surface(0.5, 1.0) };
     let scene = scene(&[(mirror, polished(Vec4::new(1.0, 0.8, 0.6, 1.0))), (wall, painted)], Vec::new());
-    let camera = camera(DVec3::new(0.0, 0.0, 0.2), DVec3::new(0.0, 0.0, -0.5), 1.0);
+    (scene, camera(DVec3::new(0.0, 0.0, 0.2), DVec3::new(0.0, 0.0, -0.5), 1.0))
+}
+
+/// A mirror that fills the image reflects each ray once: invocations beyond the last point trace nothing, also where
+/// samples of a pixel lie in neighbouring lanes, and no counter has their rays.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn each_point_is_traced_once(gpu: &Gpu) {
+    for (size, samples) in [([1, 1], 1), ([1, 1], 3), ([9, 9], 3), ([8, 8], 2), ([5, 13], 7)] {
+        let (scene, camera) = mirror_and_wall();
+        let buffers = trace_chains(gpu, scene, &camera, size, samples);
+        let counters = gpu.read::<u32>(&buffers.counters, Counter::COUNT).unwrap();
+        assert_eq!(counters[Counter::BounceRays as usize], size[0] * size[1] * samples, "{size:?} x {samples}");
+    }
+}
+
+/// A mirror in front of the camera, and behind the camera a wall: the guides are of the wall, in the mirror's colour.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
+    let (scene, camera) = mirror_and_wall();
     let seen = seen_over_chains(gpu, scene, &camera, [9, 9], 1);
     let centre = seen.each_ref().map(|list| list[list.len() / 2]);
     let [albedo, normal, _, guide_albedo, guide_normal, guide_position] = centre;

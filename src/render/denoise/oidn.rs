@@ -172,6 +172,11 @@ impl OpenImageDenoise {
         let filter = unsafe { (functions.new_filter)(self.device, c"RT".as_ptr()) };
         if filter.is_null() {
             self.check("filter")?;
+            return Err(Error::input(
+                &self.file,
+                "filter",
+                "Open Image Denoise failed: it gave no filter, and no reason",
+            ));
         }
         let result = Picture { name: c"output", pixels: output.as_mut_ptr().cast(), _borrowed: Default::default() };
         for Picture { name, pixels, .. } in inputs.iter().chain([&result]) {
