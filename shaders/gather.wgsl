@@ -338,11 +338,12 @@ fn record(
     }
     record_origins[id].inverse_distance = inverse_distance;
     record_origins[id].variance = variance;
-    // The record is not valid beyond the distance at which its gradient brings the irradiance to 0.
-    let slope = translation * vec3f(0.2126, 0.7152, 0.0722);
+    // The record is not valid beyond the distance at which its gradient brings the irradiance to 0. Without any light
+    // there is no such distance.
+    let steepness = length(translation * vec3f(0.2126, 0.7152, 0.0722));
     var spacing = 1.0 / inverse_distance;
-    if gather_pass.earlier_rays + rays >= MIN_RAYS_OF_SLOPE {
-        spacing = min(spacing, luminance(irradiance) / max(length(slope), 1e-20));
+    if gather_pass.earlier_rays + rays >= MIN_RAYS_OF_SLOPE && steepness > 0.0 {
+        spacing = min(spacing, luminance(irradiance) / steepness);
     }
 
     // Sums may overflow, and gradients at distance 0 are infinite. A record of size 0 is not used.
