@@ -133,7 +133,7 @@ pub use scene::Camera;
 /// use penumbra::{Focus, Framing, ImportOptions, Iris, Scene};
 ///
 /// let scene = Scene::load("scenes/box.glb", &ImportOptions::default())?;
-/// let mut camera = scene.frame(&Framing { azimuth: 30.0, elevation: 20.0, aspect: 16.0 / 9.0 });
+/// let mut camera = scene.frame(&Framing { azimuth: 30.0, elevation: 20.0, aspect: 16.0 / 9.0, fov: 40.0 });
 /// scene.open_iris(&mut camera, Iris { f_number: 2.8, blades: 0 }, Focus::Distance(1.5)).unwrap();
 /// assert!(camera.lens.is_some());
 /// # Ok::<(), penumbra::Error>(())

@@ -22,6 +22,10 @@ const RAYS_PER_PHOTON: u64 = 64;
 /// Fewer photons take no less time.
 const MIN_PHOTONS: u32 = 4096;
 
+/// Maximum number of visibility photons that all lights together emit. If their rays hit two surfaces on average, what
+/// they store fills the smallest storage binding that devices offer (128 MiB, eight million photons).
+const MAX_MAP_PHOTONS: u32 = 1 << 22;
+
 /// Default numbers of photons of the global map and of gather rays per record, of which there are from a sixteenth to
 /// sixteen times as many.
 const FLUX_PHOTONS: u32 = 65_536;
@@ -334,6 +338,11 @@ impl Settings {
             }
         };
         self.visibility_map.photons_per_light.unwrap_or(default)
+    }
+
+    /// As [`Settings::photons_per_light`], as far as the map has room for those of `lights` lights.
+    pub(crate) fn photons_of_light(&self, lights: usize) -> u32 {
+        self.photons_per_light().min(MAX_MAP_PHOTONS / lights.max(1) as u32)
     }
 
     /// Photons emitted for the global map, 65,536 if [`IndirectSettings::photons`] does not say. If neither it nor

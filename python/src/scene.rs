@@ -208,7 +208,7 @@ impl Scene {
         match (wanted, direction) {
             (Some(_), Some(_)) => Err(error("camera and direction contradict each other")),
             (None, Some([azimuth, elevation])) => match azimuth.is_finite() && elevation.abs() <= 90.0 {
-                true => Ok(self.scene.frame(&Framing { azimuth, elevation, aspect })),
+                true => Ok(self.scene.frame(&Framing { azimuth, elevation, aspect, ..Framing::default() })),
                 false => Err(error("direction must be azimuth and elevation in degrees, the second from -90 to 90")),
             },
             (None, None) => {

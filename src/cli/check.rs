@@ -13,6 +13,7 @@ use penumbra::internal::report::check::{Case, Cases, Finding, Outcome, junit, ki
 use penumbra::{Error, Image, Result};
 
 use super::child::{Ended, run_within};
+use super::names::check_names;
 use super::{Ending, print, say};
 
 /// Memory of a render: a small image on lavapipe takes 0.2 to 0.4 GB.
@@ -64,7 +65,10 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let all = Cases::read(&arguments.cases)?;
     let cases = arguments.selected(&all)?;
-    arguments.junit.iter().chain([&arguments.html]).try_for_each(film::check_target)?;
+    let pages = || arguments.junit.iter().chain([&arguments.html]);
+    pages().try_for_each(film::check_target)?;
+    let inputs = all.cases.iter().flat_map(|case| case.scene.iter().chain([&case.baseline]));
+    check_names(inputs.chain([&arguments.cases]), pages())?;
     let gpu = match &arguments.images {
         Some(_) => None,
         None => {
@@ -204,12 +208,15 @@ impl Arguments {
         }
         if let Some(image) = outcome.new_baseline() {
             let path = &outcome.case.baseline;
-            if let Some(folder) = path.parent() {
-                fs::create_dir_all(folder).map_err(|problem| Error::output(folder, problem))?;
-            }
-            image.write(path, View::Standard, 0.0)?;
-            say(format_args!("wrote {}", path.display()));
-            outcome.finding = Finding::Blessed;
+            let folder = path.parent().unwrap_or(Path::new(""));
+            let folder = fs::create_dir_all(folder).map_err(|problem| Error::output(folder, problem));
+            outcome.finding = match folder.and_then(|()| image.write(path, View::Standard, 0.0)) {
+                Ok(()) => {
+                    say(format_args!("wrote {}", path.display()));
+                    Finding::Blessed
+                }
+                Err(problem) => Finding::Broken(format!("no new baseline: {problem}")),
+            };
         }
         Ok(())
     }

@@ -9,6 +9,7 @@ mod devices;
 mod flags;
 mod interrupt;
 mod merge;
+mod names;
 mod options;
 mod plan;
 mod progress;

@@ -7,7 +7,7 @@ use penumbra::internal::specialisation::{Deferred, Item, Specialisation};
 use penumbra::{Result, Scene, Settings};
 use serde::Serialize;
 
-use super::options::{RenderOptions, SceneOptions};
+use super::options::{PartOptions, RenderOptions, SceneOptions};
 use super::{Ending, print, print_json};
 
 #[derive(clap::Args)]
@@ -18,6 +18,9 @@ pub struct Arguments {
 
     #[command(flatten)]
     settings: RenderOptions,
+
+    #[command(flatten)]
+    part: PartOptions,
 
     /// Print JSON: the lists kept and left_out of items with name, reason and cost
     #[arg(long, help_heading = "Output")]
@@ -61,9 +64,9 @@ impl Counts {
 }
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
-    arguments.settings.check()?;
+    arguments.settings.check(&arguments.part)?;
     let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
-    let settings = arguments.settings.settings(&camera)?;
+    let settings = arguments.settings.settings(&camera, &arguments.part)?;
     let Specialisation { kept, left_out, .. } = Specialisation::new(&scene, Some(&camera), &settings);
     let plan =
         Plan { scene: Counts::new(&scene), settings, kept, left_out, deferred: Deferred::ALL, notes: scene.notes };

@@ -1,6 +1,5 @@
 //! `penumbra render`.
 
-use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -19,8 +18,10 @@ use penumbra::{Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings
 
 use super::flags::with_flags;
 use super::interrupt::Interrupt;
+use super::names::check_names;
 use super::options::{
-    DeviceOptions, OidnOptions, RenderOptions, SceneOptions, Surroundings, denoisers, finite, positive, read_reference,
+    DeviceOptions, OidnOptions, PartOptions, RenderOptions, SceneOptions, Surroundings, denoisers, finite, positive,
+    read_reference,
 };
 use super::progress::{Display, Goal, mega, show_compilation};
 use super::sequence::{Frame, SequenceOptions};
@@ -79,6 +80,9 @@ pub struct Arguments {
     #[command(flatten)]
     settings: RenderOptions,
 
+    #[command(flatten)]
+    part: PartOptions,
+
     /// Have the image within this time, with reading, denoising and writing, if one sample fits; --spp is then only an
     /// upper limit, without a default
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
@@ -112,7 +116,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.check()?;
     let (mut denoiser, no_denoiser) = arguments.denoiser();
     // A piece keeps what the denoisers of the merged image need.
-    let is_piece = arguments.settings.is_piece();
+    let is_piece = arguments.part.is_piece();
     let denoise = if is_piece { arguments.denoise.unwrap_or_default() } else { denoiser.choice() };
     let opened = arguments.load_and_open(denoise)?;
     let Opened { scene, camera, surroundings, mut settings, reference, mut gpu, import, start } = opened;
@@ -502,7 +506,7 @@ struct Opened {
 impl Arguments {
     /// Checks everything that can be checked before the scene is read.
     fn check(&self) -> Result<()> {
-        self.settings.check()?;
+        self.settings.check(&self.part)?;
         self.sequence.check_names(self.output.iter().chain(&self.stats))?;
         let files = self.files(self.sequence.first());
         for path in &files.outputs {
@@ -511,7 +515,7 @@ impl Arguments {
         if self.settings.has_aovs() && !self.output.iter().any(|path| is_exr(path)) {
             return Err(Error::Usage("--aov needs an output that is .exr: a .png holds the picture alone".into()));
         }
-        if self.settings.is_piece() {
+        if self.part.is_piece() {
             if self.noise.is_some() {
                 let problem = "--noise cannot be with --samples: which pixels get samples would depend on other pieces";
                 return Err(Error::Usage(problem.into()));
@@ -531,16 +535,16 @@ impl Arguments {
             return Err(Error::Usage(problem.into()));
         }
         files.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;
-        // No file may overwrite another, or the scene.
-        let mut named = BTreeSet::new();
-        for path in [&self.scene.scene].into_iter().chain(&files.outputs).chain(&files.stats).chain(&self.checkpoint) {
-            let whole = fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.clone());
-            if !named.insert(whole) {
-                let file = path.display();
-                return Err(Error::Usage(format!("{file} is named twice: each output file needs its own name")));
-            }
-        }
-        Ok(())
+        self.check_names(&[])
+    }
+
+    /// Checks that no output overwrites another one, or an input, of which `referred` are those that the scene's file
+    /// refers to.
+    fn check_names(&self, referred: &[PathBuf]) -> Result<()> {
+        let Files { outputs, stats } = self.files(self.sequence.first());
+        let others = self.scene.other_files();
+        let inputs = [&self.scene.scene].into_iter().chain(&others).chain(&self.reference).chain(referred);
+        check_names(inputs, outputs.iter().chain(&stats).chain(&self.checkpoint))
     }
 
     /// The scene, or that of the first frame, and its camera, within the panorama.
@@ -569,7 +573,8 @@ impl Arguments {
             let surroundings = self.scene.surroundings()?;
             let (scene, camera) = self.load(surroundings.as_ref())?;
             let import = timed(start);
-            let mut settings = self.settings.settings(&camera)?;
+            self.check_names(&scene.files)?;
+            let mut settings = self.settings.settings(&camera, &self.part)?;
             if (self.time.is_some() || self.noise.is_some()) && self.settings.spp.is_none() {
                 settings.image.spp = Settings::UNLIMITED_SPP;
             }
@@ -583,7 +588,7 @@ impl Arguments {
 
     /// The denoiser; if it cannot be used, none, and why.
     fn denoiser(&self) -> (Denoiser, Option<Error>) {
-        if self.settings.is_piece() {
+        if self.part.is_piece() {
             return (Denoiser::default(), None);
         }
         let shows = self.output.iter().any(|path| !is_exr(path));

@@ -21,7 +21,13 @@ pub struct SequenceOptions {
     /// Render the frames A to B, both included: frame N is the animation at N / fps seconds. {frame} in the name of
     /// each output stands for its number. Frames are skipped whose files are there, are complete and show the same
     /// scene with the same settings: run an interrupted command again, and it goes on where it stopped
-    #[arg(long, value_name = "A..B", groups = ["moment", "sequence"], conflicts_with_all = ["checkpoint", "reference"])]
+    #[arg(
+        long,
+        value_name = "A..B",
+        allow_hyphen_values = true,
+        groups = ["moment", "sequence"],
+        conflicts_with_all = ["checkpoint", "reference"]
+    )]
     frames: Option<Frames>,
 
     /// Render N views from all around the scene, as on a turntable: the first from the azimuth and elevation of --from,

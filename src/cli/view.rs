@@ -12,7 +12,9 @@ use penumbra::internal::view::{Choices, Display, Eye, Overlay, Picture, Pose, Pr
 use penumbra::settings::Denoise;
 use penumbra::{Camera, Denoiser, Error, Result, Scene};
 
-use super::options::{DeviceOptions, OidnOptions, RenderOptions, SceneOptions, denoisers, finite, positive};
+use super::options::{
+    DeviceOptions, OidnOptions, PartOptions, RenderOptions, SceneOptions, denoisers, finite, positive,
+};
 use super::{CommandLine, Ending, flags, print, say};
 
 #[derive(clap::Args)]
@@ -49,7 +51,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
-    arguments.settings.check()?;
+    arguments.settings.check(&PartOptions::default())?;
     if arguments.noise.is_some() && !arguments.settings.is_unbiased() {
         let problem = "--noise needs an unbiased technique without --clamp, and audits where photons classify points";
         return Err(Error::Usage(problem.into()));
@@ -64,11 +66,8 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     })?;
     let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
     scene.notes.iter().for_each(|note| say(format_args!("note: {note}")));
-    let mut settings = arguments.settings.settings(&camera)?;
+    let mut settings = arguments.settings.settings(&camera, &PartOptions::default())?;
     settings.image.noise = arguments.noise;
-    if settings.image.crop.is_some() {
-        return Err(Error::Usage("--crop is for `penumbra render`: a window shows the whole image".into()));
-    }
     let choices = Choices {
         settings,
         pose: arguments.scene.pose(),

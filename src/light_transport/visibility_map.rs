@@ -21,10 +21,6 @@ const REPAIR_BATCH: u32 = 1 << 16;
 /// Maximum number of photons that audits add to a map in total.
 const REPAIR_ROOM: u32 = 1 << 18;
 
-/// Maximum number of rays of all lights together. If rays hit two surfaces on average, their photons fill the smallest
-/// storage binding that devices offer (128 MiB, eight million photons).
-const MAX_RAYS: u32 = 1 << 22;
-
 pub(crate) struct MapKernels {
     photons: Photons,
     grid: Grid,
@@ -109,7 +105,7 @@ impl VisibilityMap {
     ) -> Result<VisibilityMap> {
         let Shared { gpu, scene, gpu_scene, .. } = *shared;
         let lights = scene.placed_lights().len() as u32;
-        let rays = settings.photons_per_light().min(MAX_RAYS / lights);
+        let rays = settings.photons_of_light(lights as usize);
         let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, REPAIR_ROOM)?;
         totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
         totals.count(Counter::Overrun, traced.overruns);

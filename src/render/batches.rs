@@ -220,7 +220,11 @@ impl Renderer<'_> {
         // Fine cells decide where the map does not.
         let features = &self.specialisation.features;
         if features.has(Feature::VisibilityMap) && !features.has(Feature::FineCells) {
-            self.totals.add_mapped(&counters);
+            let lights = match features.has(Feature::LightSampling) {
+                true => self.settings.light_sampling.sampled_lights as usize,
+                false => self.scene.lights.len(),
+            };
+            self.totals.add_mapped(&counters, lights, self.scene.environment().is_some());
         }
         Ok(u64::from(tile.point_count))
     }

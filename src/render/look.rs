@@ -21,9 +21,9 @@ impl Renderer<'_> {
     /// renderer's of that size: photons of visibility are made where such a renderer would make them.
     ///
     /// # Errors
-    /// [`Error::Setting`] for a size out of range, [`Error::Usage`] for a lens where the first camera had none or the
-    /// reverse, since kernels depend on it, and those of [`Renderer::new`]. After an error of the device the renderer
-    /// cannot be used.
+    /// [`Error::Setting`] for a size out of range and for a piece, [`Error::Usage`] for a lens where the first camera
+    /// had none or the reverse, since kernels depend on it, and those of [`Renderer::new`]. After an error of the
+    /// device the renderer cannot be used.
     pub fn look(&mut self, camera: &Camera, size: [u32; 2]) -> Result<()> {
         self.begin_view(camera, size, false)
     }
@@ -39,6 +39,9 @@ impl Renderer<'_> {
     }
 
     fn begin_view(&mut self, camera: &Camera, [width, height]: [u32; 2], is_glance: bool) -> Result<()> {
+        if self.settings.image.piece.is_some() {
+            return Err(Error::setting("image.piece", "is for a single view: a piece looks at nothing else"));
+        }
         if camera.lens.is_some() != self.camera.lens.is_some() {
             let problem = "a renderer stays with a pinhole or with a lens: another camera needs another renderer";
             return Err(Error::Usage(problem.into()));

@@ -3,11 +3,24 @@
 use crate::gpu_scene::GpuScene;
 use crate::scene::Scene;
 use crate::settings::Settings;
+use crate::specialisation::features::{Feature, Features};
 use crate::statistics::Indirect;
 
 /// The notes, one line each.
-pub(super) fn notes(scene: &Scene, settings: &Settings, indirect: &Indirect, gpu_scene: &GpuScene) -> Vec<String> {
+pub(super) fn notes(
+    scene: &Scene,
+    settings: &Settings,
+    features: &Features,
+    indirect: &Indirect,
+    gpu_scene: &GpuScene,
+) -> Vec<String> {
     let mut notes = Vec::new();
+    let (lights, wanted) = (scene.placed_lights().len(), settings.photons_per_light());
+    let emitted = settings.photons_of_light(lights);
+    if features.has(Feature::VisibilityMap) && emitted < wanted {
+        let of = if lights == 1 { "the light emits".to_owned() } else { format!("each of {lights} lights emits") };
+        notes.push(format!("{of} {emitted} visibility photons, not {wanted}: the map has no room for more"));
+    }
     let environment = gpu_scene.lights.environment.as_ref();
     if let Some([width, height]) = environment.and_then(|environment| environment.reduced) {
         notes.push(format!("the panorama is reduced to {width} x {height} texels: the device has no room for more"));

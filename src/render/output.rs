@@ -218,7 +218,8 @@ fn add_metadata(renderer: &Renderer<'_>, image: &mut Image) {
     put("penumbra:device", text(&renderer.gpu.info.name));
     put("penumbra:driver", text(&renderer.gpu.info.driver));
     put("penumbra:seed", Metadata::Int(settings.image.seed as i32));
-    put("penumbra:photons", Metadata::Int(settings.photons_per_light() as i32));
+    let lights = renderer.scene.placed_lights().len();
+    put("penumbra:photons", Metadata::Int(settings.photons_of_light(lights) as i32));
     put("penumbra:nearest", Metadata::Int(settings.visibility_map.nearest as i32));
     put("penumbra:shadowSamples", Metadata::Int(settings.shadow_rays.samples as i32));
     let left_out: Vec<&str> = renderer.specialisation.left_out.iter().map(|item| item.name()).collect();

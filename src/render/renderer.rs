@@ -187,7 +187,7 @@ impl<'g> Renderer<'g> {
         let shade_at_once = settings.image.piece.is_some() && features.has(Feature::Glossy);
         let piece_sums = settings.image.piece.map(|piece| PieceSums::new(&buffers, &settings.image, piece));
         Ok(Renderer {
-            notes: notes(&scene, &settings_of_stage(settings, stage), &totals.indirect, &gpu_scene),
+            notes: notes(&scene, &settings_of_stage(settings, stage), features, &totals.indirect, &gpu_scene),
             gpu,
             scene,
             camera: camera.clone(),

@@ -6,9 +6,6 @@ use super::camera::{Camera, Projection};
 use super::description::Scene;
 use super::triangle::NO_LIGHT;
 
-/// Vertical field of view of a camera that frames the scene in degrees, as of a 50 mm lens on 36 mm film.
-const FRAME_YFOV_DEGREES: f32 = 40.0;
-
 /// Share of the image's width, and of its height, that stays free at each side.
 const MARGIN: f32 = 0.05;
 
@@ -22,6 +19,8 @@ pub struct Framing {
     pub elevation: f32,
     /// Width of the image over its height.
     pub aspect: f32,
+    /// Vertical field of view in degrees, more than 0 and less than 180.
+    pub fov: f32,
 }
 
 impl Framing {
@@ -33,15 +32,16 @@ impl Framing {
 
     /// Half the width and half the height of what the margins leave, at distance 1.
     fn slopes(&self) -> [f32; 2] {
-        let up_slope = (0.5 * FRAME_YFOV_DEGREES.to_radians()).tan() * (1.0 - 2.0 * MARGIN);
+        let up_slope = (0.5 * self.fov.to_radians()).tan() * (1.0 - 2.0 * MARGIN);
         [up_slope * self.aspect, up_slope]
     }
 }
 
 impl Default for Framing {
-    /// From the front, 15 degrees above the horizon: the view of a model that stands on the ground.
+    /// From the front, 15 degrees above the horizon: the view of a model that stands on the ground. The field of view
+    /// is that of a 50 mm lens on 36 mm film.
     fn default() -> Self {
-        Framing { azimuth: 0.0, elevation: 15.0, aspect: 1.0 }
+        Framing { azimuth: 0.0, elevation: 15.0, aspect: 1.0, fov: 40.0 }
     }
 }
 
@@ -54,7 +54,7 @@ impl Scene {
     /// The perspective camera that sees every surface that emits no light (every surface, if all of them emit) as large
     /// as the image allows, with a margin of 5 % at each side.
     pub fn frame(&self, framing: &Framing) -> Camera {
-        self.seen_from(framing.axes(), framing.slopes()).camera(framing.axes())
+        self.seen_from(framing.axes(), framing.slopes()).camera(framing.axes(), framing.fov)
     }
 
     /// Cameras all around the scene, `views` of them from equally spaced azimuths, the first from that of `framing`.
@@ -83,7 +83,7 @@ impl Scene {
         let distance = distance.max(nearest + 1e-3 * extent.max_element());
         let camera = |axes: [Vec3; 3]| {
             let [x, y, z] = axes.map(|axis| axis.dot(middle));
-            Seen { eye: [x, y, z + distance], nearest: z + nearest, extent }.camera(axes)
+            Seen { eye: [x, y, z + distance], nearest: z + nearest, extent }.camera(axes, framing.fov)
         };
         around.into_iter().map(camera).collect()
     }
@@ -152,14 +152,15 @@ struct Seen {
 }
 
 impl Seen {
-    fn camera(&self, axes: [Vec3; 3]) -> Camera {
+    /// The camera there, with a vertical field of view in degrees.
+    fn camera(&self, axes: [Vec3; 3], fov: f32) -> Camera {
         let radius = 0.5 * self.extent.length();
         let [right, up, backward] = axes;
         Camera {
             name: "framed".into(),
             position: self.eye[0] * right + self.eye[1] * up + self.eye[2] * backward,
             axes,
-            projection: Projection::Perspective { yfov: FRAME_YFOV_DEGREES.to_radians(), aspect: None },
+            projection: Projection::Perspective { yfov: fov.to_radians(), aspect: None },
             // Nothing lies in front of it, however near the nearest corner comes.
             near: (0.01 * radius).min(0.5 * (self.eye[2] - self.nearest)).max(1e-6 * radius),
             far: f32::INFINITY,

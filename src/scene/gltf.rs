@@ -128,7 +128,7 @@ impl Scene {
             let too_bright = |_| root.error("the radiance of its image-based light is out of range");
             scene.set_environment(Arc::new(panorama), 0.0, 1.0).map_err(too_bright)?;
         }
-        note_omissions(&scene, &skipped, &mut notes)?;
+        note_omissions(&scene, &skipped, options.default_light, &mut notes)?;
         scene.notes = notes.into_lines();
         scene.files = resources.files(path);
         (scene.variants, scene.animation_end) = (variants.into_names(), posed.end);
@@ -378,7 +378,7 @@ fn check_nodes<'r, 'a>(
 }
 
 /// Adds notes on content of the file that is not rendered.
-fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, notes: &mut Notes) -> Result<()> {
+fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, default_light: bool, notes: &mut Notes) -> Result<()> {
     let mut note = |count: usize, text: &str| {
         if count > 0 {
             notes.push(format!("{count} {text}"));
@@ -396,7 +396,10 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, notes: &mut Notes) -> 
         notes.push("no camera in the file");
     }
     if scene.lights.is_empty() {
-        notes.push("no light in the file: `default_light` adds one");
+        notes.push(match default_light {
+            true => "no light in the file, and nothing that one would light",
+            false => "no light in the file: `default_light` adds one",
+        });
     }
     Ok(())
 }

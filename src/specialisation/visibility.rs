@@ -49,7 +49,7 @@ impl Specialisation {
         let pays = photons_pay(scene, camera, settings);
         let map = settings.technique.uses_visibility_map();
         let placed = scene.placed_lights().len();
-        let photons = u64::from(settings.photons_per_light()) * placed as u64;
+        let photons = u64::from(settings.photons_of_light(placed)) * placed as u64;
         let many = placed > MAX_LIGHTS as usize;
         let few_sampled = self.features.has(Feature::LightSampling);
         let unneeded = if few_sampled {

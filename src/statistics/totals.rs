@@ -66,12 +66,16 @@ impl Totals {
     }
 
     /// Adds the points that queried the visibility map, and the unknown ones among them, from the counters that
-    /// [`Totals::add`] takes.
-    pub fn add_mapped(&mut self, counters: &[u32]) {
-        let [lit, shadowed, boundary, unknown] = [Counter::Lit, Counter::Shadowed, Counter::Boundary, Counter::Unknown]
-            .map(|class| u64::from(counters[class as usize]));
-        self.mapped_points += lit + shadowed + boundary + unknown;
-        self.mapped_unknown += unknown;
+    /// [`Totals::add`] takes. With an environment one in `lights` is a point of that, which has no photons and is
+    /// always unknown.
+    pub fn add_mapped(&mut self, counters: &[u32], lights: usize, has_environment: bool) {
+        let [dark, lit, shadowed, boundary, unknown] =
+            [Counter::Dark, Counter::Lit, Counter::Shadowed, Counter::Boundary, Counter::Unknown]
+                .map(|class| u64::from(counters[class as usize]));
+        let counted = lit + shadowed + boundary + unknown;
+        let of_environment = if has_environment { ((dark + counted) / lights as u64).min(unknown) } else { 0 };
+        self.mapped_points += counted - of_environment;
+        self.mapped_unknown += unknown - of_environment;
     }
 
     /// Adds what the kernels counted for a tile of `points` points.

@@ -517,15 +517,20 @@ fn framed(scene: &Scene, view: &LookAt, [width, height]: [u32; 2]) -> Option<Loo
     let [_, _, backward] = view.axes()?;
     let aspect = width as f32 / height as f32;
     let [lower, upper] = scene.bounds()?;
-    if view.up != DVec3::Y || matches!(view.extent, Extent::Height(_)) {
+    let fov = match view.extent {
+        Extent::FieldOfView(fov) if view.up == DVec3::Y => Some(fov as f32),
+        _ => None,
+    };
+    let Some(fov) = fov else {
         let centre = scene.normalisation.undo(0.5 * (lower + upper));
         let radius = 0.5 * f64::from((upper - lower).length()) / scene.normalisation.scale();
         return navigation::around(view, centre, radius, aspect.into());
-    }
+    };
     let framing = Framing {
         azimuth: backward.x.atan2(backward.z).to_degrees() as f32,
         elevation: backward.y.clamp(-1.0, 1.0).asin().to_degrees() as f32,
         aspect,
+        fov,
     };
     let camera = scene.frame(&framing);
     let depth = (camera.position - 0.5 * (lower + upper)).dot(camera.axes[2]);

@@ -103,6 +103,30 @@ fn baselines_are_made_and_compared() {
     check(&file, "--only none").assert_refused(2, &["is called 'none'"]);
 }
 
+/// A PNG has eight bits and nothing brighter than white, as in a lamp: compared in that form, an image is what it was.
+/// A format that is not written leaves the case broken, and the others get their baselines.
+#[test]
+fn baselines_have_other_formats() {
+    let folder = folder();
+    let file = folder.path().join("CASES.toml");
+    let case = |name: &str| format!("[[case]]\nname = \"{name}\"\nscene = \"{BOX}\"\nbaseline = \"{name}\"\n");
+    let cases = ["a.hdr", "b.png", "c.exr"].map(case).concat();
+    let render = "[render]\nwidth = 24\nheight = 24\nspp = 2\nmax-bounces = 0\ntechnique = \"path\"\n";
+    fs::write(&file, format!("{render}{cases}")).unwrap();
+    let answer = check(&file, &on_device("--bless all"));
+    assert_eq!(answer.code, Some(5), "{answer:?}");
+    assert!(answer.stdout.contains("broken   a.hdr") && answer.stdout.contains("no new baseline: "), "{answer:?}");
+    assert!(answer.stdout.contains("written as .exr or .png"), "{answer:?}");
+    let lamp = Image::read(folder.path().join("baselines/c.exr")).unwrap();
+    assert!(lamp.channel("R").unwrap().iter().any(|x| *x > 2.0), "no pixel is brighter than white");
+    let exact = "[limits]\nrelmse = 0.0\nflip = 0.0\nchanged = 0.0\n";
+    fs::write(&file, format!("{render}{exact}{cases}")).unwrap();
+    check(&file, &on_device("--only b.png --only c.exr")).assert_done();
+    fs::write(&file, format!("{render}light-scale = 1.1\n{exact}{cases}")).unwrap();
+    let answer = check(&file, &on_device("--only b.png"));
+    assert!(answer.code == Some(5) && answer.stdout.contains("failed   b.png"), "{answer:?}");
+}
+
 /// A scene that cannot be rendered is a broken case, and the others run.
 #[test]
 fn a_render_that_fails_is_a_broken_case() {

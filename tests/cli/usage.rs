@@ -139,6 +139,9 @@ fn wrong_usage_names_the_option() {
         ("render no-scene.glb -o x.png --noise 0.1 --technique visibility-estimate", "--noise"),
         ("render no-scene.glb -o x.png --noise 0.1 --audit 0", "--noise"),
         ("render no-scene.glb -o x.png --resume", "--checkpoint"),
+        ("render no-scene.glb -o x.png --crop -1,0,2,2", "four whole numbers"),
+        ("render no-scene.glb -o x.png --background -1,0,0", "0 or more"),
+        ("render no-scene.glb -o x{frame}.png --frames -1..2", "--frames"),
         ("plan", "<SCENE>"),
         ("plan no-scene.glb --nearest 0", "--nearest"),
         ("plan no-scene.glb -o x.png", "-o"),
@@ -183,7 +186,37 @@ fn outputs_do_not_overwrite_each_other() {
     ["-o", "--stats", "--checkpoint"].into_iter().for_each(refuse);
     let scene = folder.path().join("scene.glb");
     std::fs::copy(BOX, &scene).unwrap();
-    run("render", &[&scene, &"-o", &picture, &"--stats", &scene]).assert_refused(2, &["scene.glb", "twice"]);
+    run("render", &[&scene, &"-o", &picture, &"--stats", &scene]).assert_refused(2, &["scene.glb", "would be lost"]);
+}
+
+/// A panorama, a reference, what a scene refers to, pieces, and the scenes and baselines of cases.
+#[test]
+fn outputs_do_not_overwrite_inputs() {
+    let folder = folder();
+    let [input, picture] = ["input.exr", "picture.png"].map(|name| folder.path().join(name));
+    std::fs::write(&input, "kept").unwrap();
+    let lost: &[&str] = &["input.exr is an input, which would be lost"];
+    for option in ["--environment", "--reference"] {
+        run("render", &[&BOX, &option, &input, &"-o", &input]).assert_refused(2, lost);
+        run("render", &[&BOX, &option, &input, &"-o", &picture, &"--stats", &input]).assert_refused(2, lost);
+    }
+    let scene = folder.path().join("scene.gltf");
+    let text = r#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":4,"uri":"input.exr"}]}"#;
+    std::fs::write(&scene, text).unwrap();
+    run("render", &[&scene, &"-o", &input]).assert_refused(2, lost);
+    run("merge", &[&input, &"-o", &input]).assert_refused(2, lost);
+    run("merge", &[&input, &"-o", &picture, &"-o", &picture]).assert_refused(2, &["picture.png is named twice"]);
+    let cases = folder.path().join("CASES.toml");
+    let text = format!("baselines = \".\"\n[[case]]\nname = \"input\"\nscene = \"{BOX}\"\n");
+    std::fs::write(&cases, &text).unwrap();
+    for option in ["--html", "--junit"] {
+        for (file, word) in [(&cases, "CASES.toml"), (&input, "input.exr"), (&std::path::PathBuf::from(BOX), "box.glb")]
+        {
+            run("check", &[&cases, &option, file]).assert_refused(2, &[word, "would be lost"]);
+        }
+    }
+    assert_eq!(std::fs::read_to_string(&input).unwrap(), "kept");
+    assert_eq!(std::fs::read_to_string(&cases).unwrap(), text);
 }
 
 #[test]

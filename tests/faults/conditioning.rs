@@ -1,9 +1,11 @@
 //! Each count of `conditioning` is positive for a scene that provokes it, and zero for an ordinary one.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DVec3};
 use penumbra::internal::procedural::Role;
 use penumbra::internal::render::film::Metadata;
-use penumbra::internal::scene::Material;
+use penumbra::internal::scene::{Material, Panorama};
 use penumbra::internal::statistics::{Conditioning, NotFinite};
 use penumbra::{Aov, Camera, Image, Renderer, Result, Scene, Settings, Statistics, Technique};
 
@@ -148,8 +150,21 @@ fn missing_photons_are_reported_above_a_tenth_of_the_points() {
     assert!(found.unknown as f64 > 0.1 * statistics.points.total as f64, "{found:?}");
     assert_reported(&statistics, &said, "unknown", found.unknown, "`visibility_map.photons_per_light`");
     // Without a map there are no classes.
-    let (found, ..) = render(room(0.7, 5.0, &[]), &sparse.with(|s| s.technique = Technique::TWO_PASS));
+    let (found, ..) = render(room(0.7, 5.0, &[]), &sparse.clone().with(|s| s.technique = Technique::TWO_PASS));
     assert_eq!(found.unknown, 0);
+    // The environment's points have no photons, however many there are.
+    let mut lit = room(0.7, 5.0, &[]);
+    let panorama = Panorama { width: 1, height: 1, texels: vec![[1.0; 3]] };
+    lit.set_environment(Arc::new(panorama), 0.0, 1.0).unwrap();
+    let dense = sparse.clone().with(|s| s.visibility_map.photons_per_light = Some(100_000));
+    let (found, statistics, _) = render(lit, &dense);
+    let total = statistics.points.total as f64;
+    assert!(statistics.points.unknown as f64 > 0.4 * total, "the environment is not counted: {:?}", statistics.points);
+    assert!((found.unknown as f64) < 0.01 * total, "{found:?}");
+    // A map that is full needs no advice on more of them.
+    let full = sparse.with(|s| s.visibility_map.photons_per_light = Some(1 << 23));
+    let notes = render(room(0.7, 5.0, &[]), &full).1.notes;
+    assert!(notes.iter().any(|note| note.contains("4194304 visibility photons, not 8388608")), "{notes:?}");
 }
 
 /// Records of the minimum radius are counted, but not reported as a fault.

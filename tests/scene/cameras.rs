@@ -79,15 +79,15 @@ fn views_are_filled() {
     file.mesh(&[[20., 3., 30.], [2., -4., 9.], [-40., 0., 1.]], json!({}));
     let scene = file.load();
     for (azimuth, elevation) in [(0.0, 15.0), (90.0, 0.0), (-130.0, 60.0), (200.0, -90.0), (10.0, 90.0)] {
-        for aspect in [1.0, 2.5, 0.4] {
-            let camera = scene.frame(&Framing { azimuth, elevation, aspect });
+        for (aspect, fov) in [(1.0, 40.0), (2.5, 40.0), (0.4, 40.0), (1.0, 10.0), (1.5, 55.0)] {
+            let camera = scene.frame(&Framing { azimuth, elevation, aspect, fov });
             let spans = spans(&scene, &camera, aspect);
             let margin = |[low, high]: [f32; 2]| (low + 1.0).min(1.0 - high);
             let [x, y] = spans.map(margin);
             // Roundings of f32 positions of unit size.
-            assert!((x.min(y) - 0.1).abs() < 1e-4, "{azimuth}, {elevation}, {aspect}: {spans:?}");
+            assert!((x.min(y) - 0.1).abs() < 1e-4, "{azimuth}, {elevation}, {aspect}, {fov}: {spans:?}");
             let [low, high] = if x < y { spans[0] } else { spans[1] };
-            assert!((low + high).abs() < 2e-4, "{azimuth}, {elevation}, {aspect}: {spans:?}");
+            assert!((low + high).abs() < 2e-4, "{azimuth}, {elevation}, {aspect}, {fov}: {spans:?}");
             let towards = camera.axes[2];
             let (a, e) = (azimuth.to_radians(), elevation.to_radians());
             let expected = Vec3::new(a.sin() * e.cos(), e.sin(), a.cos() * e.cos());
@@ -106,7 +106,7 @@ fn turntables_stand_still() {
     file.mesh(&[[20., 3., 30.], [2., -4., 9.], [-40., 0., 1.]], json!({}));
     let scene = file.load();
     let (azimuth, elevation, aspect) = (20.0, 30.0, 1.5);
-    let cameras = scene.turntable(&Framing { azimuth, elevation, aspect }, 8);
+    let cameras = scene.turntable(&Framing { azimuth, elevation, aspect, fov: 25.0 }, 8);
     assert_eq!(cameras.len(), 8);
     let middle = {
         let bounds = scene.bounds().unwrap();

@@ -1,6 +1,7 @@
 //! Primitives, accessors, node matrices and normalisation.
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
+use penumbra::internal::scene::ImportOptions;
 use serde_json::json;
 
 use crate::builder::{F32, File, I16, U8, U16, U32, bytes_of, world};
@@ -326,4 +327,6 @@ fn scenes_without_geometry_are_empty() {
     assert_eq!(scene.normalisation.scale(), 1.0);
     assert!(scene.notes.iter().any(|n| n == "no camera in the file"));
     assert!(scene.notes.iter().any(|n| n == "no light in the file: `default_light` adds one"));
+    let scene = file.load_with(&ImportOptions { default_light: true, ..Default::default() }).unwrap();
+    assert!(scene.notes.iter().any(|n| n == "no light in the file, and nothing that one would light"));
 }

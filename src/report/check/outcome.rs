@@ -2,7 +2,7 @@
 
 use super::cases::Case;
 use super::comparison::{Comparison, device_kind, different_pixels, kind_of};
-use crate::render::film::Image;
+use crate::render::film::{Image, View};
 
 /// What a case tells.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,7 +71,9 @@ impl Outcome {
                 [Some(own), Some(other)] if own != other => {
                     Err(format!("the baseline is of the device {other}, and this is {own}"))
                 }
-                _ => Comparison::new(&image, &baseline, &case.limits).map_err(|problem| problem.to_string()),
+                _ => in_format_of(case, &image)
+                    .and_then(|image| Comparison::new(&image, &baseline, &case.limits))
+                    .map_err(|problem| problem.to_string()),
             };
             outcome.baseline = Some(baseline);
             comparison
@@ -113,11 +115,7 @@ impl Outcome {
 
     /// The image as a baseline: colours, and the device.
     pub fn new_baseline(&self) -> Option<Image> {
-        let mut image = self.image.clone()?;
-        image.channels.retain(|channel| ["R", "G", "B"].contains(&channel.name.as_str()));
-        image.metadata.retain(|name, _| name.starts_with("penumbra:device") || name == "penumbra:driver");
-        (image.crop, image.transparent) = (None, false);
-        Some(image)
+        self.image.as_ref().map(as_baseline)
     }
 
     /// The finding in a word.
@@ -137,5 +135,24 @@ impl Outcome {
             Finding::Failed(reasons) => reasons.join("; "),
             Finding::Broken(problem) => problem.clone(),
         }
+    }
+}
+
+/// The colours of an image, and the device.
+fn as_baseline(image: &Image) -> Image {
+    let mut image = image.clone();
+    image.channels.retain(|channel| ["R", "G", "B"].contains(&channel.name.as_str()));
+    image.metadata.retain(|name, _| name.starts_with("penumbra:device") || name == "penumbra:driver");
+    (image.crop, image.transparent) = (None, false);
+    image
+}
+
+/// An image as far as a baseline tells it: a PNG has eight bits a channel, and nothing brighter than white.
+fn in_format_of(case: &Case, image: &Image) -> crate::Result<Image> {
+    match case.baseline.extension() {
+        Some(extension) if extension.eq_ignore_ascii_case("png") => {
+            Image::from_bytes(&as_baseline(image).to_png(View::Standard, 0.0)?, &case.baseline)
+        }
+        _ => Ok(image.clone()),
     }
 }

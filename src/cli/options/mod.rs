@@ -1,0 +1,77 @@
+//! Options that several commands share. The defaults are those of [`Settings`].
+
+mod scene;
+mod settings;
+mod values;
+
+use std::env;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use kernel_kit::{DeviceChoice, DeviceLimits, Gpu};
+use penumbra::internal::report::reference::Reference;
+use penumbra::settings::Denoise;
+use penumbra::{Denoiser, Error, Image, Result, Settings};
+
+pub use scene::{SceneOptions, Surroundings};
+pub use settings::{PartOptions, RenderOptions, SettingsOptions};
+pub use values::{EntrantParser, denoisers, finite, positive};
+
+#[derive(Args)]
+pub struct DeviceOptions {
+    /// Device: best, software, or the index or a part of the name that `penumbra devices` prints
+    #[arg(long, value_name = "D", default_value = "best", help_heading = "Device")]
+    device: DeviceChoice,
+
+    /// For tests: what of the device is used. `least` stands for the least that a desktop's device has,
+    /// `gpu` for all of it, used as that of a GPU
+    #[arg(long, value_name = "L", default_value = "own", value_parser = device_limits(), hide = true)]
+    device_limits: DeviceLimits,
+}
+
+/// `own`, `least` or `gpu`.
+fn device_limits() -> impl TypedValueParser<Value = DeviceLimits> {
+    PossibleValuesParser::new(["own", "least", "gpu"]).try_map(|name| name.parse())
+}
+
+impl DeviceOptions {
+    /// The choice, and what of the device is used.
+    #[cfg(feature = "view")]
+    pub fn choice(&self) -> (DeviceChoice, DeviceLimits) {
+        (self.device.clone(), self.device_limits)
+    }
+
+    /// As [`Gpu::open_with`].
+    pub fn open(&self) -> Result<Gpu> {
+        Ok(Gpu::open_with(&self.device, self.device_limits)?)
+    }
+}
+
+#[derive(Args, Clone)]
+pub struct OidnOptions {
+    /// The library of Open Image Denoise 2 [default: the environment variable OIDN_LIBRARY, else
+    /// libOpenImageDenoise.so.2 where the system finds it]
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    oidn: Option<PathBuf>,
+}
+
+impl OidnOptions {
+    /// As [`Denoiser::new`].
+    pub fn denoiser(&self, choice: Denoise) -> Result<Denoiser> {
+        let variable = || env::var_os("OIDN_LIBRARY").filter(|name| !name.is_empty()).map(PathBuf::from);
+        Denoiser::new(choice, self.oidn.clone().or_else(variable).as_deref())
+    }
+}
+
+/// The reference image, which must have the size of the settings.
+pub fn read_reference(path: &Path, settings: &Settings) -> Result<Reference> {
+    let reference = Reference::read(path)?;
+    let part = settings.image.part();
+    let (Image { width, height, .. }, own) = (&reference.image, [part.width, part.height]);
+    if [*width, *height] != own {
+        let sizes = format!("is {width} x {height} pixels, not {} x {}", own[0], own[1]);
+        return Err(Error::input(path, "file", format!("{sizes}; set --width and --height to its size")));
+    }
+    Ok(reference)
+}
