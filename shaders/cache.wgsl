@@ -15,7 +15,7 @@ import package::lib::visible_point::{load_point, load_surface, visible_surface};
 import package::lib::tile::Tile;
 @if(!thin_lens) import package::lib::tile::tile_pixel;
 @if(thin_lens) import package::lib::camera::film_position;
-import package::lib::constants::{INVALID_POINT, PATH_GROUP};
+import package::lib::constants::{INVALID_POINT, PATH_GROUP, RECORD_MIN_WEIGHT};
 
 struct CacheParameters {
     tile: Tile,
@@ -37,10 +37,6 @@ var<immediate> cache_pass: CacheParameters;
 @group(0) @binding(5) var<storage, read_write> path_count: array<atomic<u32>, 1>;
 @group(0) @binding(6) var<storage, read_write> path_points: array<u32>;
 @group(0) @binding(7) var<storage, read_write> path_arguments: array<u32, 3>;
-
-// Minimum sum of the weights of a point's records; one weight is at most 1. A point below it lies at the rims of its
-// records, far out on their gradients.
-const MIN_WEIGHT = 0.3;
 
 // The light that the records give at point i. A lane without a point passes false for `wants`.
 fn interpolate_at(i: u32, surface: VisibleSurface, point: Point, wants: bool, lane: u32) -> Interpolated {
@@ -78,7 +74,7 @@ fn request(
     let surface = load_surface(i);
     let wants = i < cache_pass.tile.point_count && reflects_diffusely(surface, point) && !is_behind_chain(surface);
     let found = interpolate_at(i, surface, point, wants, lane);
-    if wants && found.weight < MIN_WEIGHT { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
+    if wants && found.weight < RECORD_MIN_WEIGHT { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
 }
 
 // Whether the surface is not Lambertian: it also reflects specularly, or transmits light.

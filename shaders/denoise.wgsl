@@ -3,12 +3,13 @@
 // same surface whose confidence intervals overlap its own, first by means of 3 x 3 pixels, then by the result, fitting
 // a plane to them. Before, fireflies are drawn towards their neighbours. Last, a pixel returns to its own samples as
 // far as the filter's error is more than their variance.
-// In: `pixels`, PIXEL_VECTORS vectors for each pixel: mean and variance of the mean of direct light, then of indirect
+// In: `pixels`, DENOISE_VECTORS vectors for each pixel: mean and variance of the mean of direct light, then of indirect
 // light, albedo, normal (0 where no surface is), position. Light is in any unit in which it is about 1.
 // Out: `light_out`, two vectors for each pixel, direct and indirect light, from pass to pass; at last one vector: the
 // colour, and in w 1, or 0 where the pixel must keep its own.
 
 import package::kit::group_index;
+import package::lib::constants::{DENOISE_BORDER, DENOISE_VECTORS};
 import package::lib::math::is_finite3;
 @if(texture_loads) import package::lib::table::table_texel;
 
@@ -19,8 +20,6 @@ struct DenoiseParameters {
 }
 
 var<immediate> denoise: DenoiseParameters;
-
-const PIXEL_VECTORS = 7u;
 
 // Samples that the neighbours' variance counts for beside the pixel's own.
 const POOLED_SAMPLES = 4.0;
@@ -47,10 +46,9 @@ const RIDGE = 0.5;
 const NORMAL_SCALE = 0.1;
 const ALBEDO_SCALE = 0.1;
 const PLANE_SCALE = 1.5;
-// Beyond the image the tables have texels of KIND_KEPT, so that no window needs to end there: BORDER rows above and
-// below, and BORDER columns on the left, which are also those on the right of the row before.
-const BORDER = 5u;
-const_assert SECOND_RADIUS <= BORDER;
+// Beyond the image the tables have texels of KIND_KEPT, so that no window needs to end there: DENOISE_BORDER rows above
+// and below, and DENOISE_BORDER columns on the left, which are also those on the right of the row before.
+const_assert SECOND_RADIUS <= DENOISE_BORDER;
 // Weights below exp of minus these, 0.02 and 0.01, are 0, so that many small ones do not add up.
 const MAX_SURFACE_DIFFERENCE = 3.912023;
 const MAX_LIGHT_DIFFERENCE = 4.6051702;
@@ -187,12 +185,12 @@ fn column_and_row(pixel: u32) -> vec2i {
 }
 
 fn stride() -> u32 {
-    return denoise.width + BORDER;
+    return denoise.width + DENOISE_BORDER;
 }
 
 // The index of the pixel of a column and row in the tables, which have two vectors for each.
 fn index_at(at: vec2u) -> u32 {
-    return (at.y + BORDER) * stride() + at.x + BORDER;
+    return (at.y + DENOISE_BORDER) * stride() + at.x + DENOISE_BORDER;
 }
 
 fn index_of(pixel: u32) -> u32 {
@@ -213,18 +211,18 @@ fn outside(pixel: u32) -> bool {
 }
 
 fn albedo_of(pixel: u32) -> vec3f {
-    let albedo = pixels[PIXEL_VECTORS * pixel + 4u].xyz;
+    let albedo = pixels[DENOISE_VECTORS * pixel + 4u].xyz;
     return max(select(vec3f(1.0), albedo, is_finite3(albedo)), vec3f(MIN_ALBEDO));
 }
 
 fn normal_of(pixel: u32) -> vec3f {
-    let normal = pixels[PIXEL_VECTORS * pixel + 5u].xyz;
+    let normal = pixels[DENOISE_VECTORS * pixel + 5u].xyz;
     let size = dot(normal, normal);
     return select(vec3f(0.0), normal * inverseSqrt(max(size, TINY)), is_finite3(normal) && size > TINY);
 }
 
 fn on_surface(pixel: u32) -> bool {
-    return any(normal_of(pixel) != vec3f(0.0)) && is_finite3(pixels[PIXEL_VECTORS * pixel + 6u].xyz);
+    return any(normal_of(pixel) != vec3f(0.0)) && is_finite3(pixels[DENOISE_VECTORS * pixel + 6u].xyz);
 }
 
 // Distance to a neighbour's position.
@@ -233,7 +231,7 @@ fn spacing_to(pixel: u32, at: vec2i, step: vec2i) -> f32 {
     if any(other < vec2i(0)) || other.x >= i32(denoise.width) || other.y >= i32(denoise.height) { return NO_SPACING; }
     let neighbour = u32(other.y) * denoise.width + u32(other.x);
     if !on_surface(neighbour) { return NO_SPACING; }
-    let apart = pixels[PIXEL_VECTORS * neighbour + 6u].xyz - pixels[PIXEL_VECTORS * pixel + 6u].xyz;
+    let apart = pixels[DENOISE_VECTORS * neighbour + 6u].xyz - pixels[DENOISE_VECTORS * pixel + 6u].xyz;
     return min(length(apart), NO_SPACING);
 }
 
@@ -254,8 +252,8 @@ struct Light {
 
 fn demodulated(pixel: u32, part: u32) -> Light {
     let albedo = albedo_of(pixel);
-    let mean = pixels[PIXEL_VECTORS * pixel + 2u * part].xyz / albedo;
-    let variance = pixels[PIXEL_VECTORS * pixel + 2u * part + 1u].xyz / (albedo * albedo);
+    let mean = pixels[DENOISE_VECTORS * pixel + 2u * part].xyz / albedo;
+    let variance = pixels[DENOISE_VECTORS * pixel + 2u * part + 1u].xyz / (albedo * albedo);
     let known = denoise.samples > 1u;
     let fits = is_finite3(mean) && all(abs(mean) <= vec3f(MAX_LIGHT));
     let fits_too = is_finite3(variance) && all(variance <= vec3f(MAX_VARIANCE));
@@ -279,7 +277,7 @@ fn prepare(
     light_out[2u * index + 1u] = select(vec4f(0.0), indirect.value, valid);
     let has_surface = on_surface(pixel);
     let kind = select(KIND_KEPT, select(KIND_EMPTY, KIND_SURFACE, has_surface), valid);
-    let position = select(vec3f(0.0), pixels[PIXEL_VECTORS * pixel + 6u].xyz, has_surface);
+    let position = select(vec3f(0.0), pixels[DENOISE_VECTORS * pixel + 6u].xyz, has_surface);
     // Any normal, the same for all.
     let normal = select(vec3f(1.0, 0.0, 0.0), normal_of(pixel), has_surface);
     let word = (pack4x8unorm(vec4f(albedo_of(pixel), 0.0)) & 0xffffffu) | (kind << 24u);

@@ -9,7 +9,7 @@
 // time. One without a point passes NO_BLOCK. `lane` is the invocation's index within the workgroup, as in lib/packet.
 
 @if(texture_loads) import package::lib::table::table_texel;
-import package::lib::constants::RECORD_HEAD_TEXELS;
+import package::lib::constants::{RECORD_HEAD_TEXELS, RECORD_OFF_PLANE, RECORD_PER_NORMAL};
 @if(packets) import package::lib::constants::PACKET_LANES;
 @if(smooth_normals || normal_maps) import package::lib::constants::RECORD_VALUE_TEXELS_CURVED;
 @if(!(smooth_normals || normal_maps)) import package::lib::constants::RECORD_VALUE_TEXELS_FLAT;
@@ -50,14 +50,6 @@ fn load_block_record(i: u32) -> u32 {
     @if(texture_loads) { return textureLoad(block_records, table_texel(i >> 2u))[i & 3u]; }
     @else { return block_records[i >> 2u][i & 3u]; }
 }
-
-// Weight of the squared offset along the normal, added to the squared distance. Such offsets count ten times (1 + 99 =
-// 10 squared), so that a record is not used for a surface above or below its own.
-const OFF_PLANE = 99.0;
-
-// 1 over the length of the difference of unit normals 20 degrees apart: a record is not used for normals farther from
-// its own.
-const PER_NORMAL = 1.0 / 0.34729636;
 
 struct Interpolated {
     irradiance: vec3f,
@@ -100,9 +92,9 @@ fn load_record(id: u32) -> Record {
 fn weighted_irradiance(record: Record, position: vec3f, normal: vec3f) -> vec4f {
     let offset = position - record.centre.xyz;
     let off_plane = dot(offset, 0.5 * (normal + record.normal));
-    let distance = sqrt(dot(offset, offset) + OFF_PLANE * off_plane * off_plane) / record.centre.w;
+    let distance = sqrt(dot(offset, offset) + RECORD_OFF_PLANE * off_plane * off_plane) / record.centre.w;
     // Not by 1 minus the cosine, which keeps only three digits for normals that differ by 1e-3.
-    let normal_distance = length(normal - record.normal) * PER_NORMAL;
+    let normal_distance = length(normal - record.normal) * RECORD_PER_NORMAL;
     let w = max(1.0 - max(distance, normal_distance), 0.0);
     let irradiance = vec3f(record.red.w, record.green.w, record.blue.w);
     var change = vec3f(dot(record.red.xyz, offset), dot(record.green.xyz, offset), dot(record.blue.xyz, offset));

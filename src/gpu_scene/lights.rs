@@ -25,7 +25,6 @@ use layout::{EMITTER_TEXELS, LightTexels, NO_AXIS, Packed, SAMPLING_TEXEL, bits}
 use mesh::MeshTexels;
 
 pub use layout::{Emission, LightInfo};
-pub use mesh::{has_many_emitters, is_closed};
 
 /// The scene's lights on the device, bound by the names `light_texels`, `emitter_texels`, `light_vertices`,
 /// `environment_texels` and `sobol_directions`.

@@ -168,10 +168,19 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("RECORD_VALUE_TEXELS_FLAT", numbers::RECORD_VALUE_TEXELS_FLAT),
     ("RECORD_VALUE_TEXELS_CURVED", numbers::RECORD_VALUE_TEXELS_CURVED),
     ("GATHER_GROUP", numbers::GATHER_GROUP),
+    ("DENOISE_VECTORS", numbers::DENOISE_VECTORS),
+    ("DENOISE_BORDER", numbers::DENOISE_BORDER),
     ("FINE_CELL_PIXELS", numbers::FINE_CELL_PIXELS),
     ("FINE_CELL_LEVELS", numbers::FINE_CELL_LEVELS),
     ("FINE_CELL_DEPTH", numbers::FINE_CELL_DEPTH),
     ("FINE_CELL_PROBES", numbers::FINE_CELL_PROBES),
+];
+
+/// The numbers that are not whole.
+const FLOATS: &[(&str, f32)] = &[
+    ("RECORD_OFF_PLANE", numbers::RECORD_OFF_PLANE),
+    ("RECORD_PER_NORMAL", numbers::RECORD_PER_NORMAL),
+    ("RECORD_MIN_WEIGHT", numbers::RECORD_MIN_WEIGHT),
 ];
 
 /// The value of a constant, as kernels import it.
@@ -182,5 +191,6 @@ pub fn constant(name: &str) -> Option<u32> {
 /// The text of the module.
 pub(super) fn module() -> String {
     let constants: Vec<_> = CONSTANTS.iter().copied().chain(scene::material_constants()).collect();
-    constants_module(&constants)
+    let floats = FLOATS.iter().map(|(name, value)| format!("const {name}: f32 = {value:?}f;\n"));
+    constants_module(&constants) + &floats.collect::<String>()
 }

@@ -263,6 +263,25 @@ pub const RECORD_VALUE_TEXELS_CURVED: u32 = 6;
 /// Minimum radius of an irradiance record in pixels: denser records cost more than they improve.
 pub const MIN_RADIUS_PIXELS: u32 = 3;
 
+/// Weight of the squared offset along a record's normal, added to the squared distance. Such offsets count ten times
+/// (1 + 99 = 10 squared), so that a record is not used for a surface above or below its own.
+pub const RECORD_OFF_PLANE: f32 = 99.0;
+
+/// 1 over the length of the difference of unit normals 20 degrees apart: a record is not used for normals farther from
+/// its own.
+pub const RECORD_PER_NORMAL: f32 = 1.0 / 0.347_296_36;
+
+/// Minimum sum of the weights of a point's records; one weight is at most 1. A point below it lies at the rims of its
+/// records, far out on their gradients, and needs one of its own.
+pub const RECORD_MIN_WEIGHT: f32 = 0.3;
+
+/// Vectors of a pixel for the statistical denoiser: mean and variance of direct light, then of indirect light, albedo,
+/// normal, position.
+pub const DENOISE_VECTORS: u32 = 7;
+
+/// Width of the border around the image in the tables of the statistical denoiser: no window is wider.
+pub const DENOISE_BORDER: u32 = 5;
+
 /// Width of the coarsest fine cells in pixels; up to twice that, as it is rounded up to a power of two.
 pub const FINE_CELL_PIXELS: u32 = 4;
 

@@ -11,7 +11,7 @@ use super::irradiance_filter::NoisyRecords;
 use super::record_grid::{RecordGrid, weight};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
-use crate::kernels::MIN_RADIUS_PIXELS;
+use crate::kernels::{MIN_RADIUS_PIXELS, RECORD_MIN_WEIGHT};
 use crate::passes::cache::{Blocks, BoundCache, Cache, CacheBuffers, ViewRecords, wanted};
 use crate::passes::gather::{BoundGather, Gather, GatherSettings, RayBuffers, RecordBuffers, RecordHead, Wave};
 use crate::passes::primary::BoundPrimary;
@@ -36,9 +36,6 @@ const SPACINGS_BESIDE_KEPT: usize = 6;
 
 /// Maximum radius of a record in pixels. Farther away, gradients miss detail between the records.
 const MAX_RADIUS_PIXELS: f32 = 20.0;
-
-/// A place where the weights of records have a smaller sum needs one of its own, as in `shaders/cache.wgsl`.
-const MIN_WEIGHT: f32 = 0.3;
 
 pub(crate) struct CacheKernels {
     gather: Gather,
@@ -375,7 +372,7 @@ fn uncovered(heads: &[RecordHead], camera: &CameraUniform, image: &ImageSettings
         let around = centre.and_then(|centre| blocks.of(Some(centre)).next());
         let near = around.map_or(&[][..], |block| &by_block[block]);
         let weight: f32 = near.iter().map(|other| weight(&heads[*other], head)).sum();
-        if head.size > 0.0 && weight < MIN_WEIGHT {
+        if head.size > 0.0 && weight < RECORD_MIN_WEIGHT {
             kept.push(id);
             blocks.of(seen_part(camera, head)).for_each(|block| by_block[block].push(id));
         }

@@ -4,11 +4,8 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
+use crate::kernels::{RECORD_OFF_PLANE, RECORD_PER_NORMAL};
 use crate::passes::gather::RecordHead;
-
-/// Weights of offsets and of normals, as in `shaders/lib/record.wgsl`.
-const OFF_PLANE: f32 = 99.0;
-const PER_NORMAL: f32 = 1.0 / 0.347_296_36;
 
 /// Records by the cell of a grid that they are in.
 pub(super) struct RecordGrid {
@@ -69,7 +66,7 @@ pub(super) fn weight(of: &RecordHead, at: &RecordHead) -> f32 {
         return 0.0;
     }
     let off_plane = offset.dot(0.5 * (normal + other));
-    let distance = (offset.length_squared() + OFF_PLANE * off_plane * off_plane).sqrt() / of.size;
-    let normal_distance = normal.distance(other) * PER_NORMAL;
+    let distance = (offset.length_squared() + RECORD_OFF_PLANE * off_plane * off_plane).sqrt() / of.size;
+    let normal_distance = normal.distance(other) * RECORD_PER_NORMAL;
     (1.0 - distance.max(normal_distance)).max(0.0)
 }

@@ -4,6 +4,7 @@ use kernel_kit::{Buffer, Gpu, Kernel, KernelTable, Table, TableFormat, bindings,
 
 use super::kernel;
 use crate::Result;
+use crate::kernels::{DENOISE_BORDER, DENOISE_VECTORS};
 use crate::specialisation::features::Features;
 
 shared_struct! {
@@ -18,16 +19,12 @@ shared_struct! {
     }
 }
 
-/// Vectors of a pixel of the input: mean and variance of direct light, then of indirect light, albedo, normal,
-/// position.
-pub const PIXEL_VECTORS: usize = 7;
+/// Vectors of a pixel of the input.
+pub const PIXEL_VECTORS: usize = DENOISE_VECTORS as usize;
 
 /// Rows above or below from which a pixel's result comes: by the radii of the windows in `shaders/denoise.wgsl`, 1
 /// (spacing), 2 (`restrain`), 2 (`pool`), 1 (`smooth_light`), 3 (`average`), 5 (`regress`) and 2 (`combine`).
 pub const REACH: u32 = 16;
-
-/// Width of the border around the image in the tables; see `shaders/denoise.wgsl`.
-const BORDER: u32 = 5;
 
 bindings! {
     /// What the passes read and write, light apart.
@@ -83,7 +80,7 @@ impl Denoise {
     pub fn filter(&self, gpu: &Gpu, image: &DenoiseParameters, pixels: &[[f32; 4]]) -> Result<Vec<[f32; 4]>> {
         let count = (image.width * image.height) as usize;
         // With the pixel on the right of the last one, which makes a pair with it where the width is odd.
-        let indices = (image.width + BORDER) * (image.height + 2 * BORDER) + BORDER + 1;
+        let indices = (image.width + DENOISE_BORDER) * (image.height + 2 * DENOISE_BORDER) + DENOISE_BORDER + 1;
         // Whole rows, as textures of which all is written need no clearing.
         let records = whole_rows(2 * indices as usize) as u32;
         let input = gpu.upload("penumbra/denoise/pixels", pixels)?;

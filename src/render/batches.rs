@@ -109,7 +109,8 @@ impl Renderer<'_> {
         let start = Instant::now();
         self.keep()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
-        self.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / f64::from(layers));
+        let samples = f64::from(layers) * self.share_of_pixels(batches.first());
+        self.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / samples);
         Ok(self.progress())
     }
 
@@ -121,6 +122,20 @@ impl Renderer<'_> {
     /// The next batch of blocks that are to reach a small error; none where pixels share samples out.
     fn blocks_of_batch(&self) -> Option<Batch> {
         self.blocks.as_ref().filter(|_| self.settings.image.noise.is_some()).and_then(Blocks::batch)
+    }
+
+    /// The share of the pixels that get samples in the batch, where they are to reach a small error; else all do.
+    fn share_of_pixels(&self, batch: Option<&Batch>) -> f64 {
+        match (&self.blocks, batch) {
+            (Some(blocks), Some(batch)) if self.settings.image.noise.is_some() => blocks.share_of(batch),
+            _ => 1.0,
+        }
+    }
+
+    /// Expected seconds of one sample of each pixel of the next batch; none before the first batch.
+    pub(super) fn seconds_of_sample(&self) -> Option<f64> {
+        let share = || self.share_of_pixels(self.blocks_of_batch().as_ref());
+        self.seconds_per_sample.map(|seconds| seconds * share())
     }
 
     /// The first sample of the next batch.

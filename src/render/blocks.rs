@@ -227,6 +227,11 @@ impl Blocks {
         self.next.is_empty()
     }
 
+    /// The share of the blocks that are in a batch.
+    pub fn share_of(&self, batch: &Batch) -> f64 {
+        batch.blocks.len() as f64 / self.samples.len() as f64
+    }
+
     /// Samples of a pixel.
     pub fn samples_of(&self, pixel: usize, width: u32) -> u32 {
         let [x, y] = [pixel % width as usize, pixel / width as usize].map(|i| i / self.side as usize);
@@ -351,6 +356,7 @@ mod tests {
         render(&mut adaptive, 8);
         let errors: Vec<f64> = (0..16).map(|block| 10f64.powi(block)).collect();
         adaptive.choose(&errors, 0.5, 64, SHARE);
+        assert_eq!(adaptive.share_of(&adaptive.batch().unwrap()), 2.0 / 16.0);
         assert_eq!(render(&mut adaptive, 8), [(vec![14, 15], 8, 8)]);
     }
 

@@ -34,7 +34,8 @@ pub struct Salvage {
 
 /// Runs `work` on `gpu`, with a renderer that `start` makes and that resumes `from`. If the device is lost, `open`
 /// opens another one, and `work` begins again with a renderer that resumes from the state kept last in memory. The
-/// image has the same bits. Keeping the state takes at most a fiftieth of the time, and as much memory as a checkpoint.
+/// image has the same bits, unless it is to end in time. Keeping the state takes at most a fiftieth of the time, and as
+/// much memory as a checkpoint.
 ///
 /// # Errors
 /// Those of `start` and `work`, and of `open` if there is no other device or the device is lost again and again; with

@@ -82,7 +82,7 @@ pub struct Renderer<'g> {
     /// Calls of [`Renderer::render_batch`] so far.
     pub(super) batches: u32,
     pub(super) totals: Totals,
-    /// Of the last batch; none before the first.
+    /// One sample of every pixel, by the last batch; none before the first.
     pub(super) seconds_per_sample: Option<f64>,
     /// [`Gpu::pass_times`] before the render: those of earlier renders on this device.
     pub(super) earlier_pass_times: BTreeMap<String, f64>,

@@ -25,7 +25,7 @@ impl Renderer<'_> {
     /// As [`Renderer::render_batch`].
     pub fn render_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
         let start = Instant::now();
-        let sample = self.seconds_per_sample;
+        let sample = self.seconds_of_sample();
         if sample.is_some_and(|sample| sample > seconds) {
             return Ok(None);
         }
@@ -43,7 +43,7 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`Renderer::render_batch`].
     pub fn render_batch_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
-        if let Some(sample) = self.seconds_per_sample {
+        if let Some(sample) = self.seconds_of_sample() {
             let refinement = if self.may_refine() { self.seconds_to(self.next_stage()) } else { 0.0 };
             if refinement + sample * f64::from(self.next_layers()) > seconds {
                 return Ok(None);

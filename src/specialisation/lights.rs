@@ -6,14 +6,11 @@ use super::bsdf_rays::{Sphere, boxes_by_material};
 use super::decisions::{Specialisation, count};
 use super::surfaces::Facts;
 use crate::kernels::MAX_LIGHTS;
-use crate::kernels::light_texels::NEAR_LIGHT;
+use crate::kernels::light_texels::{FEW_EMITTERS, NEAR_LIGHT};
 use crate::scene::{Light, LightKind, Scene};
 use crate::settings::technique::ConsideredLights;
 use crate::settings::{Aov, LightSampling, Settings};
 use crate::specialisation::features::Feature;
-
-/// Lights of at most this number of triangles evaluate all of them, at any distance. A square has two.
-pub(crate) const FEW_EMITTERS: u32 = 4;
 
 impl Specialisation {
     pub(super) fn of_lights(&mut self, scene: &Scene, m: &Facts) {

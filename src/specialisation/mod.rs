@@ -7,7 +7,7 @@ mod decisions;
 pub mod features;
 mod indirect;
 pub mod kernels;
-pub(crate) mod lights;
+pub mod lights;
 pub(crate) mod lobes;
 mod surfaces;
 pub(crate) mod visibility;

@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use kernel_kit::{Gpu, Resources, kernel_test};
-use penumbra::internal::gpu_scene::lights::{has_many_emitters, is_closed};
 use penumbra::internal::gpu_scene::{GpuLights, ReceiverBounds};
 use penumbra::internal::kernels::{compose, compose_source};
 use penumbra::internal::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
 use penumbra::internal::specialisation::features::{Feature, Features};
+use penumbra::internal::specialisation::lights::{has_many_emitters, is_closed};
 
 use crate::kit::{device_features, new_kernel};
 use crate::statistics::{Random, chi_square, z_test};

@@ -11,20 +11,6 @@ use crate::gpu_scene::cumulative::{cumulative, texels_of};
 use crate::gpu_scene::oct_unwrap;
 use crate::gpu_scene::receivers::ReceiverBounds;
 
-/// Whether the triangles are a closed mesh that emits outwards, so that half of them face away from any position. The
-/// area vectors of a closed mesh sum to 0.
-pub(super) fn is_closed(triangles: &[[Vec3; 3]], two_sided: bool) -> bool {
-    let mut sum = Vec3::ZERO;
-    let mut area = 0.0;
-    for [a, b, c] in triangles {
-        let across = (*b - *a).cross(*c - *a);
-        sum += across;
-        area += across.length();
-    }
-    // The tolerance of a hundredth lets a mesh with a small hole for a socket count as closed.
-    !two_sided && sum.length() < 0.01 * area
-}
-
 /// Whether the mesh is convex: no corner lies above the plane of any triangle.
 pub(super) fn is_convex(triangles: &[[Vec3; 3]], radius: f64) -> bool {
     triangles.iter().all(|[a, b, c]| {

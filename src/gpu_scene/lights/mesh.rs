@@ -6,11 +6,12 @@ use std::ops::RangeInclusive;
 use glam::{DVec3, Vec3};
 
 use super::contour::{Contour, contours};
-use super::emitter::{self, ConvexLamp, is_convex, partners};
+use super::emitter::{ConvexLamp, is_convex, partners};
 use super::layout::{self, EMITTER_TEXELS, Emission, LightInfo, Packed, bits, texels};
 use crate::gpu_scene::bounds::bounding_sphere;
 use crate::gpu_scene::receivers::{ReceiverBounds, ReceiverCone};
-use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, Scene};
+use crate::scene::{AlphaMode, EmitterTriangle, Light, Material, Scene};
+use crate::specialisation::lights::{has_many_emitters, is_closed_mesh};
 
 /// Numbers of triangles for which a light gets views. With fewer, it is enough to exclude triangles that face away;
 /// with more, the fewest views would take more than 4 MB.
@@ -100,7 +101,7 @@ impl MeshLight<'_> {
         (centre, radius): (Vec3, f32),
         receivers: Option<ReceiverBounds>,
     ) -> Option<u32> {
-        let viewed = emitter::is_closed(&self.triangles, self.material.double_sided)
+        let viewed = is_closed_mesh(&self.triangles, self.material.double_sided)
             && VIEWED_TRIANGLES.contains(&self.emitters.len())
             && is_convex(&self.triangles, f64::from(radius));
         viewed.then(|| {
@@ -203,16 +204,4 @@ pub(super) fn pack(
             radius,
         },
     }
-}
-
-/// Whether a light has so many triangles that points sample one by power, without evaluating the contribution of each.
-pub fn has_many_emitters(light: &Light) -> bool {
-    matches!(&light.kind, LightKind::Mesh { emitters, .. } if emitters.len() > layout::FEW_EMITTERS as usize)
-}
-
-/// Whether a light is a closed mesh that emits outwards, so that half of its triangles face away from any position.
-pub fn is_closed(scene: &Scene, light: &Light) -> bool {
-    let LightKind::Mesh { material, emitters } = &light.kind else { return false };
-    let triangles: Vec<_> = emitters.iter().map(|e| scene.triangle_positions(e.triangle as usize)).collect();
-    emitter::is_closed(&triangles, scene.materials[*material as usize].double_sided)
 }
