@@ -104,7 +104,10 @@ fn main() {
             let label = format!("a million points, {}", if exact_counts { "exact counts" } else { "cell classes" });
             measure(gpu, &label, || {
                 let mut frame = gpu.frame("bench");
-                bound.record(&mut frame, &candidates, &tile, &chunk, 64);
+                bound.classify(&mut frame, &candidates, &tile, &chunk);
+                bound.look_up(&mut frame, &candidates, &tile, &chunk);
+                bound.classify_requested_cells(&mut frame);
+                bound.query(&mut frame, &candidates, &tile, &chunk);
                 frame.submit().unwrap();
             });
         }

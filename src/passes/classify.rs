@@ -258,25 +258,6 @@ impl BoundShowCells {
 }
 
 impl BoundClassify {
-    /// Records all steps for a tile's points and a chunk of lights, in order. The queues get indirect arguments for
-    /// workgroups of `queue_group` invocations.
-    pub fn record(
-        &self,
-        frame: &mut Frame<'_>,
-        buffers: &ClassifyBuffers,
-        tile: &Tile,
-        chunk: &Chunk,
-        queue_group: u32,
-    ) {
-        self.classify(frame, buffers, tile, chunk);
-        self.look_up(frame, buffers, tile, chunk);
-        self.classify_requested_cells(frame);
-        self.query(frame, buffers, tile, chunk);
-        self.dilate(frame, buffers, tile, chunk);
-        self.record_arguments(frame, tile, chunk, Queue::Boundary, queue_group);
-        self.record_arguments(frame, tile, chunk, Queue::Audit, queue_group);
-    }
-
     /// Empties the queues, gives each point the class of its fine cell where the cell has one, and queues it by its
     /// class. Queues the other points for [`BoundClassify::look_up`].
     pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {

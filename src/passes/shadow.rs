@@ -146,20 +146,6 @@ pub struct BoundShadow {
 }
 
 impl BoundShadow {
-    /// Traces the queued candidates: `arguments` has the indirect arguments of [`crate::kernels::Queue::Boundary`] at
-    /// byte `boundary`, those of [`crate::kernels::Queue::Audit`] at byte `audit`.
-    pub fn record(
-        &self,
-        frame: &mut Frame<'_>,
-        arguments: &Buffer,
-        boundary: u64,
-        audit: u64,
-        parameters: &ShadowParameters,
-    ) {
-        self.trace(frame, arguments, boundary, parameters);
-        self.audit(frame, arguments, audit, parameters);
-    }
-
     /// Traces the shadow rays of the boundary queue, whose indirect arguments are at byte `offset`.
     pub fn trace(&self, frame: &mut Frame<'_>, arguments: &Buffer, offset: u64, parameters: &ShadowParameters) {
         frame.run_indirect(&self.shadow, arguments, offset, parameters);

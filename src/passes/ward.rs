@@ -15,9 +15,9 @@ shared_struct! {
         pub tile: Tile,
         /// Lights, all of them in one chunk.
         pub light_count: u32,
-        /// First light that `order` adds; set by [`BoundWard::record`].
+        /// First light that `order` adds; set by [`BoundWard::order`].
         pub first_light: u32,
-        /// End of the lights that `order` adds; set by [`BoundWard::record`].
+        /// End of the lights that `order` adds; set by [`BoundWard::order`].
         pub end_light: u32,
         /// Light points of a candidate.
         pub light_samples: u32,
@@ -155,24 +155,6 @@ pub struct BoundWard {
 }
 
 impl BoundWard {
-    /// Writes the class words of a tile's points for all lights: unknown where the light is tested, else boundary with
-    /// the estimated visibility. `test` records the shadow rays of the boundary queue; it is called once per light.
-    pub fn record(
-        &self,
-        frame: &mut Frame<'_>,
-        classify: &ClassifyBuffers,
-        parameters: &WardParameters,
-        test: impl Fn(&mut Frame<'_>),
-    ) {
-        self.order(frame, parameters);
-        for _ in 0..parameters.light_count {
-            self.next(frame, classify, parameters);
-            test(frame);
-        }
-        self.guess(frame, parameters);
-        self.learn(frame, parameters);
-    }
-
     /// Sorts the lights of each point by potential contribution.
     pub fn order(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
         let points = parameters.tile.point_count;

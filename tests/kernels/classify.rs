@@ -85,7 +85,15 @@ impl<'a> Setup<'a> {
         let pass = Classify::new(gpu, &features, self.nearest).unwrap();
         let bound = pass.bind(gpu, &tile, Some(&grid), &buffers, &Resources::new()).unwrap();
         let mut frame = gpu.frame("test");
-        bound.record(&mut frame, &buffers, &self.tile, &self.chunk, 128);
+        // In the order of `src/techniques/shadow_photons.rs`.
+        bound.classify(&mut frame, &buffers, &self.tile, &self.chunk);
+        bound.look_up(&mut frame, &buffers, &self.tile, &self.chunk);
+        bound.classify_requested_cells(&mut frame);
+        bound.query(&mut frame, &buffers, &self.tile, &self.chunk);
+        bound.dilate(&mut frame, &buffers, &self.tile, &self.chunk);
+        for queue in [Queue::Boundary, Queue::Audit] {
+            bound.record_arguments(&mut frame, &self.tile, &self.chunk, queue, 128);
+        }
         frame.submit().unwrap();
         let lengths: Vec<u32> = gpu.read(&buffers.queue_lengths, Queue::COUNT).unwrap();
         let words = gpu.read(&buffers.classes, candidates as usize).unwrap();

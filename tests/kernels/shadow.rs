@@ -132,7 +132,8 @@ impl Setup {
             repair_capacity: self.repair_capacity,
         };
         let mut frame = gpu.frame("test");
-        bound.record(&mut frame, &arguments, 0, 12, &parameters);
+        bound.trace(&mut frame, &arguments, 0, &parameters);
+        bound.audit(&mut frame, &arguments, 12, &parameters);
         frame.submit().unwrap();
         Outcome {
             visibility: gpu.read(&visibility, words).unwrap(),

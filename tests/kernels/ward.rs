@@ -154,8 +154,11 @@ fn lights_are_tested_as_ward_does(gpu: &Gpu) {
                 ..WardParameters::default()
             };
             let mut frame = gpu.frame("test");
-            // The visibilities are there: nothing is traced.
-            bound.record(&mut frame, &classify, &parameters, |_| {});
+            // In the order of `src/techniques/ward_adaptive.rs`. The visibilities are there: nothing is traced.
+            bound.order(&mut frame, &parameters);
+            (0..LIGHTS).for_each(|_| bound.next(&mut frame, &classify, &parameters));
+            bound.guess(&mut frame, &parameters);
+            bound.learn(&mut frame, &parameters);
             frame.submit().unwrap();
             let words: Vec<u32> = gpu.read(&classify.classes, candidates as usize).unwrap();
             let is_tested =
