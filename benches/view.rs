@@ -47,6 +47,10 @@ impl Source for Files {
     fn files(&self) -> Vec<PathBuf> {
         Vec::new()
     }
+
+    fn has_panorama(&self) -> bool {
+        false
+    }
 }
 
 fn state(file: &Path, scene: Scene) -> State {

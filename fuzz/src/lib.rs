@@ -145,7 +145,7 @@ fn check_scene(scene: &Scene) {
             LightKind::Directional { direction, irradiance } => {
                 assert!(direction.is_finite() && irradiance.is_finite());
             }
-            LightKind::Environment { .. } => panic!("glTF files have no environment"),
+            LightKind::Environment { .. } => assert!(scene.environment().is_some()),
         }
     }
     for camera in &scene.cameras {

@@ -1,3 +1,4 @@
+import pathlib
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
 from typing import Any, Literal, final
@@ -136,7 +137,7 @@ class Scene:
     @property
     def notes(self) -> list[str]: ...
     @property
-    def path(self) -> str | PathLike[str]: ...
+    def path(self) -> pathlib.Path: ...
 
 def devices() -> list[dict[str, Any]]: ...
 def merge(

@@ -109,7 +109,7 @@ def render(
         return task.remote(source, of_frame, {**settings, "spp": spp}, piece)
 
     todo = (Piece(number, samples, crop) for number in numbers for samples, crop in cuts)
-    digits = max(_DIGITS, *(len(str(number)) for number in numbers))
+    digits = max([_DIGITS, *(len(str(number)) for number in numbers)])
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
         merging = ("denoise", "oidn_library", "device")
         kept: dict[str, Any] = {name: settings[name] for name in merging if name in settings}

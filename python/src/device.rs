@@ -1,5 +1,7 @@
 //! Devices, which stay open from one render to the next.
 
+use std::cell::Cell;
+use std::ops::{Deref, DerefMut};
 use std::process;
 use std::sync::{Arc, Mutex, MutexGuard};
 
@@ -27,6 +29,47 @@ pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
+thread_local! {
+    /// Whether a render of this thread has a device: what its callback begins would wait for it for ever.
+    static RENDERS: Cell<bool> = const { Cell::new(false) };
+}
+
+/// A device while a render uses it.
+pub struct Turn<'a>(MutexGuard<'a, Device>);
+
+impl<'a> Turn<'a> {
+    /// Waits for the renders of other threads.
+    pub fn take(device: &'a Shared) -> penumbra::Result<Turn<'a>> {
+        if RENDERS.get() {
+            let problem = "the progress callback of a render cannot use a device: return from it first";
+            return Err(penumbra::Error::Usage(problem.into()));
+        }
+        let guard = lock(device);
+        RENDERS.set(true);
+        Ok(Turn(guard))
+    }
+}
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        RENDERS.set(false);
+    }
+}
+
+impl Deref for Turn<'_> {
+    type Target = Device;
+
+    fn deref(&self) -> &Device {
+        &self.0
+    }
+}
+
+impl DerefMut for Turn<'_> {
+    fn deref_mut(&mut self) -> &mut Device {
+        &mut self.0
+    }
+}
+
 /// The choice that a user makes by a name or an index.
 pub fn choice(value: Option<&Bound<'_, PyAny>>) -> PyResult<DeviceChoice> {
     let Some(value) = value else { return Ok(DeviceChoice::Best) };
@@ -43,7 +86,11 @@ pub fn choice(value: Option<&Bound<'_, PyAny>>) -> PyResult<DeviceChoice> {
 pub fn open(choice: &DeviceChoice) -> penumbra::Result<Shared> {
     let mut all = lock(&OPEN);
     let process = process::id();
-    if let Some(open) = all.iter().find(|open| open.process == process && open.choice == *choice) {
+    if let Some(open) = all.iter_mut().find(|open| open.process == process && open.choice == *choice) {
+        // A device that lacked memory once refuses all later work; one that renders now is not looked at.
+        if open.device.try_lock().is_ok_and(|device| device.check("device").is_err()) {
+            open.device = Arc::new(Mutex::new(open_anew(choice)?));
+        }
         return Ok(open.device.clone());
     }
     let device = Arc::new(Mutex::new(open_anew(choice)?));

@@ -1,5 +1,5 @@
-//! The Python module `penumbra._penumbra`; the package `python/penumbra` exports it, and `python/penumbra/__init__.pyi`
-//! has its types.
+//! The Python module `penumbra._penumbra`; the package `python/penumbra` exports it, and its types are in
+//! `python/penumbra/_penumbra.pyi`.
 
 mod arrays;
 mod device;

@@ -10,7 +10,7 @@ use penumbra::{Camera, Denoiser, DeviceChoice, Image, Renderer, Settings, Statis
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
-use crate::device::{lock, open, open_anew};
+use crate::device::{Turn, open, open_anew};
 use crate::error::{Interrupted, error, of_library};
 use crate::result::RenderResult;
 
@@ -133,7 +133,7 @@ fn render(job: &Job, time: Option<Duration>, notes: &mut Vec<String>) -> Result<
     let choice = if is_piece { Denoise::None } else { job.settings.image.denoise };
     let denoiser = Denoiser::new(choice, job.oidn_library.as_deref()).map_err(failed)?;
     let shared = open(&job.device).map_err(failed)?;
-    let mut device = lock(&shared);
+    let mut device = Turn::take(&shared).map_err(failed)?;
     let start = started.elapsed().as_secs_f64();
     let deadline = time.map(|time| started + time);
     let mut done = recovery::render(

@@ -9,7 +9,7 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::arrays;
-use crate::device::{choice, lock, open};
+use crate::device::{Turn, choice, open};
 use crate::error::{error, of_library};
 
 /// What a render gives, or an image file.
@@ -176,7 +176,7 @@ pub fn merge(
             _ => {
                 let denoiser = Denoiser::new(denoise, oidn_library.as_deref())?;
                 let shared = open(&device)?;
-                let device = lock(&shared);
+                let device = Turn::take(&shared)?;
                 files.merge_denoised(&device, &denoiser)
             }
         }

@@ -78,10 +78,15 @@ impl Scene {
             variant: take_as(&keywords, "variant")?,
             max_copied_triangles: None,
         };
-        let rotation = take_as(&keywords, "environment_rotation")?.unwrap_or(0.0);
-        let strength = take_as(&keywords, "environment_strength")?.unwrap_or(1.0);
+        let (rotation, strength) =
+            (take_as(&keywords, "environment_rotation")?, take_as(&keywords, "environment_strength")?);
+        let is_turned = rotation.is_some() || strength.is_some();
+        let (rotation, strength) = (rotation.unwrap_or(0.0), strength.unwrap_or(1.0));
         let environment = take_as(&keywords, "environment")?.map(|path| Environment { path, rotation, strength });
         keywords::check_empty(&keywords, "Scene.load")?;
+        if is_turned && environment.is_none() {
+            return Err(error("environment_rotation and environment_strength need environment, a panorama"));
+        }
         if options.time.is_none() && (options.animation.is_some() || options.repeat) {
             return Err(error("animation and loop need at, the seconds from the beginning of the animation"));
         }

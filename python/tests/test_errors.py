@@ -38,6 +38,9 @@ def test_errors_of_files_are_the_librarys(tmp_path):
         ({"crop": (0, 0, 9999, 1)}, "^crop is 9999 x 1 pixels"),
         ({"time": -1.0}, "^time is -1; "),
         ({"focus": 1.0}, "need aperture"),
+        ({"aperture": 0.0}, "^aperture: an f-number is"),
+        ({"aperture": 2.0, "focus": -1.0}, "^aperture: a distance of focus is"),
+        ({"aperture": 2.0, "iris_blades": 2}, "^aperture: an iris has"),
         ({"background": "sky"}, "^background is 'sky'"),
         ({"device": "no such device"}, "no such device"),
     ],
@@ -56,6 +59,8 @@ def test_wrong_types_are_type_errors(box):
         penumbra.Scene.load("box.glb", repeat=True)
     with pytest.raises(penumbra.Error, match="need at"):
         penumbra.Scene.load("box.glb", loop=True)
+    with pytest.raises(penumbra.Error, match="need environment"):
+        penumbra.Scene.load("box.glb", environment_rotation=90.0)
 
 
 def test_every_keyword_of_the_signature_is_known(box):
@@ -69,6 +74,17 @@ def test_every_keyword_of_the_signature_is_known(box):
 def test_animations_are_refused_where_there_is_none(box):
     with pytest.raises(penumbra.Error, match="^the scene has no animation, so at means nothing$"):
         box.at(1.0)
+
+
+def test_a_callback_cannot_render(box, device):
+    """It would wait for its own render for ever."""
+
+    def progress(_):
+        box.render(width=8, height=8, spp=1, device=device)
+
+    with pytest.raises(penumbra.Error, match="cannot use a device: return from it first"):
+        box.render(width=8, height=8, spp=2, device=device, progress=progress)
+    box.render(width=8, height=8, spp=1, device=device)
 
 
 def test_an_exception_of_the_callback_ends_the_render(box, device):

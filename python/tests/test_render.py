@@ -146,7 +146,7 @@ def test_progress_and_an_early_end(box, device):
 def test_scenes_tell_what_they_are(box, scenes):
     assert box.triangles > 0
     assert len(box.lights) == 1
-    assert str(box.path) == str(scenes / "box.glb")
+    assert box.path == scenes / "box.glb"
     assert "box.glb" in repr(box)
 
 

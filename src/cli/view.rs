@@ -270,6 +270,10 @@ impl Source for Options {
     fn files(&self) -> Vec<PathBuf> {
         self.scene.other_files()
     }
+
+    fn has_panorama(&self) -> bool {
+        self.scene.has_panorama()
+    }
 }
 
 /// A word as a shell reads it.

@@ -1,6 +1,6 @@
 //! The attributes of a hit besides the triangle's corners: normals, texture coordinates, colours, tangents, materials.
 
-use glam::{Vec3, Vec4};
+use glam::{Mat2, Vec3, Vec4};
 use kernel_kit::{Gpu, Table, TableFormat};
 use rayon::prelude::*;
 
@@ -127,16 +127,53 @@ fn write_triangle(texels: &mut [[u32; 4]], scene: &Scene, triangle: &Triangle, l
 }
 
 /// The tangent for files without tangents: the direction of increasing u over the triangle, and the handedness of
-/// u and v. Unlike MikkTSpace, which glTF names, it does not average between triangles.
+/// u and v, in the coordinates in which the texture is read (KHR_texture_transform). Unlike MikkTSpace, which glTF
+/// names, it does not average between triangles.
 fn uv_tangent(scene: &Scene, triangle: &Triangle) -> Vec4 {
     let material = &scene.materials[triangle.material as usize];
-    let set = material.tangent_textures().next().map_or(0, |info| info.uv_set as usize);
+    let read = material.tangent_textures().next();
+    let (set, matrix) = read.map_or((0, Mat2::IDENTITY), |info| (info.uv_set as usize, info.matrix));
     let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize]);
     let (e1, e2) = (b.position - a.position, c.position - a.position);
-    let (d1, d2) = (b.uv[set] - a.uv[set], c.uv[set] - a.uv[set]);
+    let (d1, d2) = (matrix * (b.uv[set] - a.uv[set]), matrix * (c.uv[set] - a.uv[set]));
     let determinant = d1.x * d2.y - d2.x * d1.y;
     let tangent = (e1 * d2.y - e2 * d1.y) * determinant.signum();
     // If the texture coordinates do not span a plane, any direction in the triangle will do.
     let tangent = tangent.try_normalize().or_else(|| e1.try_normalize()).unwrap_or(Vec3::X);
     tangent.extend(if determinant < 0.0 { -1.0 } else { 1.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f32::consts::FRAC_PI_2;
+    use std::sync::Arc;
+
+    use glam::Vec2;
+
+    use super::*;
+    use crate::scene::{Material, NO_LIGHT, TextureInfo, Vertex};
+
+    /// A computed tangent is the direction of u in the texture as it is turned and mirrored.
+    #[test]
+    fn tangents_follow_the_transform_of_the_texture() {
+        let tangent = |matrix: Mat2| {
+            let corner = |x: f32, y: f32| Vertex {
+                position: Vec3::new(x, y, 0.0),
+                uv: [Vec2::new(x, y); 2],
+                ..Vertex::default()
+            };
+            let normal_texture = Some(TextureInfo { texture: 0, uv_set: 0, matrix, offset: Vec2::ZERO });
+            let scene = Scene {
+                vertices: Arc::new(vec![corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)]),
+                materials: vec![Material { normal_texture, ..Material::default() }],
+                ..Scene::default()
+            };
+            uv_tangent(&scene, &Triangle { vertices: [0, 1, 2], material: 0, light: NO_LIGHT })
+        };
+        let near = |matrix: Mat2, expected: [f32; 4]| (tangent(matrix) - Vec4::from(expected)).length() < 1e-6;
+        assert!(near(Mat2::IDENTITY, [1.0, 0.0, 0.0, 1.0]));
+        // Texture coordinates are turned: u grows downward.
+        assert!(near(Mat2::from_angle(FRAC_PI_2), [0.0, -1.0, 0.0, 1.0]));
+        assert!(near(Mat2::from_diagonal(Vec2::new(-2.0, 1.0)), [-1.0, 0.0, 0.0, -1.0]));
+    }
 }

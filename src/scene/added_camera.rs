@@ -88,7 +88,8 @@ pub fn with_camera(source: &Path, folder: &Path, camera: &AddedCamera) -> Result
     let document = json::parse(text).map_err(&invalid)?;
     if refers_to_files(&document) && !is_same_folder(source, folder) {
         let shown = source.display();
-        let problem = format!("{shown}: its buffers or textures are in other files, so a copy must be beside it");
+        let problem =
+            format!("{shown}: its buffers, textures or functions are in other files, so a copy must be beside it");
         return Err(Error::Usage(problem));
     }
     let text = std::str::from_utf8(text).map_err(|problem| invalid(problem.to_string()))?;
@@ -98,10 +99,13 @@ pub fn with_camera(source: &Path, folder: &Path, camera: &AddedCamera) -> Result
     Ok((if is_binary { binary(&bytes, edited) } else { edited.into_bytes() }, name))
 }
 
-/// Whether a buffer or an image has a URI that is no data URI.
+/// Whether a buffer, an image or a procedural object has a URI that is no data URI.
 fn refers_to_files(document: &Value) -> bool {
-    let of = |list: &str| document[list].as_array().into_iter().flatten().filter_map(|entry| entry["uri"].as_str());
-    of("buffers").chain(of("images")).any(|uri| !uri.starts_with("data:"))
+    let entries = |list: &str| document[list].as_array().into_iter().flatten();
+    let uris = entries("buffers").chain(entries("images")).map(|entry| &entry["uri"]);
+    let objects = entries("nodes").map(|node| &node["extensions"]["PENUMBRA_procedural"]);
+    let functions = objects.flat_map(|object| [&object["source"], &object["colour"]["source"]]);
+    uris.chain(functions).filter_map(Value::as_str).any(|uri| !uri.starts_with("data:"))
 }
 
 fn is_same_folder(file: &Path, folder: &Path) -> bool {
@@ -260,5 +264,8 @@ mod tests {
     fn files_of_their_own_are_noticed() {
         let uri = |uri: &str| json!({ "buffers": [{ "byteLength": 1 }], "images": [{ "uri": uri }] });
         assert!(refers_to_files(&uri("a.png")) && !refers_to_files(&uri("data:image/png;base64,AA")));
+        let object =
+            |uri: &str| json!({ "nodes": [{}, { "extensions": { "PENUMBRA_procedural": { "source": uri } } }] });
+        assert!(refers_to_files(&object("a.wgsl")) && !refers_to_files(&object("data:,fn%20f")));
     }
 }

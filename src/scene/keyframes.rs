@@ -131,7 +131,7 @@ impl<'r, 'a> Reader<'r, 'a> {
     }
 
     fn count(&mut self, json: &Json<'a>, accessor: &Accessor) -> Result<()> {
-        self.checked += accessor.count;
+        self.checked = self.checked.saturating_add(accessor.count);
         if self.checked > MAX_CORNERS {
             return Err(json.error(format!("the animations have more than {MAX_CORNERS} keys and values")));
         }

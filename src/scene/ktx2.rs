@@ -107,7 +107,7 @@ impl<'a> Ktx2<'a> {
             }
         };
         let blocks = u64::from(width.div_ceil(4)) * u64::from(height.div_ceil(4));
-        let texels = blocks * 16;
+        let texels = blocks.saturating_mul(16);
         if texels > FREE.max(DENSEST * bytes.len() as u64) {
             return Err(format!("claims {width} x {height} texels in {} bytes", bytes.len()));
         }

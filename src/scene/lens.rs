@@ -9,6 +9,9 @@ use super::description::Scene;
 /// stated film refer.
 const FILM_HEIGHT: f64 = 0.024;
 
+/// Maximum number of blades of an iris. No eye sees that the blur of so many is not round.
+pub const MAX_BLADES: u32 = 64;
+
 /// Distance at which a lens is in focus.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Focus {
@@ -23,7 +26,7 @@ pub enum Focus {
 pub struct Iris {
     /// The f-number: focal length over diameter. More than 0.
     pub f_number: f64,
-    /// Blades, at least 3, which make it a regular polygon. 0: it is round.
+    /// Blades, 3 to [`MAX_BLADES`], which make it a regular polygon. 0: it is round.
     pub blades: u32,
 }
 
@@ -31,8 +34,21 @@ impl Scene {
     /// Opens the iris of a perspective camera, whose film is 24 mm high. glTF's unit is the metre.
     ///
     /// # Errors
-    /// What is wrong, if the camera is orthographic or nothing is in the centre of the image.
+    /// What is wrong, if the camera is orthographic, a number is out of range, or nothing is in the centre of the
+    /// image.
     pub fn open_iris(&self, camera: &mut Camera, iris: Iris, focus: Focus) -> Result<(), String> {
+        let is_positive = |x: f64| x.is_finite() && x > 0.0;
+        if !is_positive(iris.f_number) {
+            return Err(format!("an f-number is a finite number, more than 0, not {}", iris.f_number));
+        }
+        if let Focus::Distance(metres) = focus
+            && !is_positive(metres)
+        {
+            return Err(format!("a distance of focus is a finite number, more than 0, not {metres}"));
+        }
+        if iris.blades != 0 && !(3..=MAX_BLADES).contains(&iris.blades) {
+            return Err(format!("an iris has no blades or from 3 to {MAX_BLADES}, not {}", iris.blades));
+        }
         let Projection::Perspective { yfov, .. } = camera.projection else {
             return Err(format!("camera `{}` is orthographic, which has no iris", camera.name));
         };

@@ -357,8 +357,6 @@ struct Reader<'r, 'a> {
     known: HashMap<Texture, u32>,
     /// Index into [`Materials::images`] of an image of the file.
     placed: HashMap<Use, u32>,
-    /// Number of textures that are left out because a lenient import lacks their image.
-    left_out: usize,
     out: Materials,
     notes: &'r mut Notes,
 }
@@ -375,8 +373,7 @@ pub(super) fn read<'a>(root: &Json<'a>, images: &[Encoded<'a>], notes: &mut Note
     }
     let out = Materials { materials: Vec::new(), textures: Vec::new(), images: Vec::new() };
     let (known, placed) = Default::default();
-    let mut reader =
-        Reader { textures: &textures, samplers: &samplers, images, known, placed, left_out: 0, out, notes };
+    let mut reader = Reader { textures: &textures, samplers: &samplers, images, known, placed, out, notes };
     for (i, material) in root.list("materials")?.iter().enumerate() {
         let material = reader.material(i, material)?;
         reader.out.materials.push(material);
@@ -401,11 +398,10 @@ impl Reader<'_, '_> {
             m.normal_scale = normal.number_in("scale", 1.0, ..)?;
         }
         m.occlusion_texture = self.texture(json, "occlusionTexture", Linear)?;
-        let left_out = self.left_out;
         m.emissive_texture = self.texture(json, "emissiveTexture", Srgb)?;
         m.emissive = json.numbers_in::<3>("emissiveFactor", 0.0, 0.0..)?.into();
-        if self.left_out > left_out {
-            // Without its texture, all of the surface would be a lamp.
+        if m.emissive_texture.is_none() && json.get("emissiveTexture")?.is_some() {
+            // Without the texture that cannot be shown, all of the surface would be a lamp.
             m.emissive = Vec3::ZERO;
         }
         if let Some(emission) = json.extension("KHR_materials_emissive_strength")? {
@@ -480,7 +476,6 @@ impl ReadTexture for Reader<'_, '_> {
         };
         let image = self.images[image].first;
         if self.images[image].is_broken() {
-            self.left_out += 1;
             return Ok(None);
         }
         let sampler = texture.get("sampler")?.map(|s| s.index(self.samplers.len(), "sampler")).transpose()?;

@@ -167,9 +167,9 @@ impl<'r, 'a> Reader<'_, 'r, 'a> {
         self.skipped.uneven += usize::from(influences.as_ref().is_some_and(Influences::is_uneven));
         let mut textures = material.into_iter().flat_map(|m| self.materials[m].texture_infos());
         if let Some(texture) = textures.find(|texture| uvs[texture.uv_set as usize].is_empty()) {
-            let material = json.require("material")?;
-            let problem = format!("its textures need TEXCOORD_{}, which the primitive lacks", texture.uv_set);
-            return Err(material.error(problem));
+            // A variant may give the material.
+            let problem = format!("the textures of its material need TEXCOORD_{}, which it lacks", texture.uv_set);
+            return Err(json.error(problem));
         }
         let triangles = assemble(mode, &corners);
         if triangles.is_empty() {
@@ -204,7 +204,8 @@ impl<'r, 'a> Reader<'_, 'r, 'a> {
     fn corners(&mut self, json: &Json, count: usize) -> Result<Vec<u32>> {
         let indices =
             json.get("indices")?.map(|json| self.accessor(&json).map(|accessor| (accessor, json))).transpose()?;
-        self.corners += indices.as_ref().map_or(count, |(indices, _)| indices.count);
+        let corners = indices.as_ref().map_or(count, |(indices, _)| indices.count);
+        self.corners = self.corners.saturating_add(corners);
         if self.corners > MAX_CORNERS {
             return Err(json.error(format!("the meshes have more than {MAX_CORNERS} corners of triangles")));
         }

@@ -54,7 +54,7 @@ pub use description::Scene;
 pub use framing::Framing;
 pub use import_options::ImportOptions;
 pub use instance::{Instance, SharedMesh};
-pub use lens::{Focus, Iris};
+pub use lens::{Focus, Iris, MAX_BLADES};
 pub use light::{EmitterTriangle, Light, LightKind};
 pub use look_at::{Extent, LookAt};
 pub(crate) use material::lobes::sheen;

@@ -14,7 +14,7 @@ mod worker;
 
 pub use overlay::{Display as Shown, Overlay};
 pub use panel::{Panel, Request};
-pub use pick::Hit;
+pub use pick::{Hit, pick};
 pub use session::{
     Choices, Command, Eye, Picked, PickedLight, Picture, Pose, Session, Snapshot, Source, State, Viewpoint,
 };

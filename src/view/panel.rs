@@ -4,9 +4,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use std::ops::RangeInclusive;
+
 use egui::{
     CentralPanel, Color32, ColorImage, ComboBox, Frame, Image, Key, Modifiers, Panel as SidePanel, PointerButton, Pos2,
-    Rect, Response, ScrollArea, Sense, Slider, TextureHandle, TextureOptions, Ui, Vec2,
+    Rect, Response, ScrollArea, Sense, Slider, SliderClamping, TextureHandle, TextureOptions, Ui, Vec2,
 };
 use kernel_kit::Compilation;
 
@@ -384,6 +386,11 @@ fn status(ui: &mut Ui, snapshot: &Snapshot) {
     }
 }
 
+/// A slider that leaves a value beyond its range as it is, until the user moves it.
+fn slider<N: egui::emath::Numeric>(value: &mut N, range: RangeInclusive<N>) -> Slider<'_> {
+    Slider::new(value, range).clamping(SliderClamping::Edits)
+}
+
 fn display(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
     let display = &mut choices.display;
     ComboBox::from_label("show").selected_text(display.overlay.name()).show_ui(ui, |ui| {
@@ -402,7 +409,7 @@ fn display(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
             }
         });
     }
-    ui.add(Slider::new(&mut display.exposure, -8.0..=8.0).suffix(" EV").text("exposure"));
+    ui.add(slider(&mut display.exposure, -8.0..=8.0).suffix(" EV").text("exposure"));
     ComboBox::from_label("tone mapping").selected_text(display.view.to_string()).show_ui(ui, |ui| {
         for view in View::ALL {
             ui.selectable_value(&mut display.view, view, view.to_string());
@@ -418,11 +425,11 @@ fn light(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
             ui.selectable_value(&mut settings.technique, technique, technique.name()).on_hover_text(technique.help());
         }
     });
-    ui.add(Slider::new(&mut settings.image.spp, 1..=4096).logarithmic(true).text("samples"));
-    ui.add(Slider::new(&mut settings.light_scale, 0.0..=16.0).logarithmic(true).text("light scale"));
-    if snapshot.has_environment {
+    ui.add(slider(&mut settings.image.spp, 1..=4096).logarithmic(true).text("samples"));
+    ui.add(slider(&mut settings.light_scale, 0.0..=16.0).logarithmic(true).text("light scale"));
+    if snapshot.has_panorama {
         let mut rotation = choices.pose.environment_rotation.unwrap_or(0.0);
-        let slider = Slider::new(&mut rotation, -180.0..=180.0).suffix("°").text("environment");
+        let slider = slider(&mut rotation, -180.0..=180.0).suffix("°").text("environment");
         if ui.add(slider).changed() {
             choices.pose.environment_rotation = Some(rotation);
         }
@@ -433,7 +440,7 @@ fn light(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
             choices.pose.time = is_posed.then_some(0.0);
         }
         if let Some(time) = &mut choices.pose.time {
-            ui.add(Slider::new(time, 0.0..=end).suffix(" s").text("time"));
+            ui.add(slider(time, 0.0..=end).suffix(" s").text("time"));
         }
     }
     if !snapshot.variants.is_empty() {

@@ -120,6 +120,9 @@ pub trait Source: Send + Sync {
 
     /// The files besides the scene's that it reads.
     fn files(&self) -> Vec<PathBuf>;
+
+    /// Whether one of them is a panorama, which can be turned: an environment of the scene's file cannot.
+    fn has_panorama(&self) -> bool;
 }
 
 /// What a session is told.
@@ -224,7 +227,7 @@ pub struct Snapshot {
     /// End of the animation in seconds; none without one.
     pub animation_end: Option<f64>,
     /// Whether the scene has an environment.
-    pub has_environment: bool,
+    pub has_panorama: bool,
     /// The last message, an error or what was done.
     pub message: Option<String>,
     /// What is at the pixel that was asked about last.
@@ -308,6 +311,11 @@ impl State {
         std::iter::once(self.file.clone()).chain(referred).chain(self.source.files()).collect()
     }
 
+    /// The file of the scene that is shown, which is the one before where another could not be read.
+    fn shown_file(&self) -> &Path {
+        self.scene.as_ref().map_or(&self.file, |loaded| &loaded.origin.file)
+    }
+
     fn full_size(&self) -> [u32; 2] {
         [self.choices.settings.image.width, self.choices.settings.image.height]
     }
@@ -340,13 +348,17 @@ impl State {
             samples: self.samples,
             is_complete: self.is_complete,
             seconds: self.seconds,
-            picture: Picture { file: self.file.clone(), eye: self.eye.clone(), choices: self.choices.clone() },
+            picture: Picture {
+                file: self.shown_file().to_owned(),
+                eye: self.eye.clone(),
+                choices: self.choices.clone(),
+            },
             fov,
             cameras: scene.map(|s| s.cameras.iter().map(|c| c.name.clone()).collect()).unwrap_or_default(),
             lights: scene.map(|s| s.lights.iter().map(|l| l.name.clone()).collect()).unwrap_or_default(),
             variants: scene.map(|scene| scene.variants.clone()).unwrap_or_default(),
             animation_end: scene.and_then(|scene| scene.animation_end),
-            has_environment: scene.is_some_and(|scene| scene.environment().is_some()),
+            has_panorama: scene.is_some() && self.source.has_panorama(),
             message: self.message.clone(),
             picked: self.picked.clone(),
         }
@@ -421,12 +433,12 @@ impl State {
         let shown = file.display();
         if file.exists() && !replaces {
             let same = |file: &Path| file.canonicalize().ok();
-            let is_open = if same(file) == same(&self.file) { "is the open file" } else { "exists" };
+            let is_open = if same(file) == same(self.shown_file()) { "is the open file" } else { "exists" };
             return Err(Error::Usage(format!("{shown} {is_open}: tick `replace` to write over it")));
         }
         let kind = |file: &Path| file.extension().map(|extension| extension.to_ascii_lowercase());
-        if kind(file) != kind(&self.file) {
-            let problem = format!("{shown}: a copy of {} needs the same extension", self.file.display());
+        if kind(file) != kind(self.shown_file()) {
+            let problem = format!("{shown}: a copy of {} needs the same extension", self.shown_file().display());
             return Err(Error::Usage(problem));
         }
         let camera = self.camera(scene)?;
@@ -436,7 +448,7 @@ impl State {
         };
         let name = if name.trim().is_empty() { "view" } else { name.trim() };
         let camera = AddedCamera::new(name, scene, &camera, placed);
-        let (bytes, name) = with_camera(&self.file, file.parent().unwrap_or(Path::new("")), &camera)?;
+        let (bytes, name) = with_camera(self.shown_file(), file.parent().unwrap_or(Path::new("")), &camera)?;
         write_atomically(file, |output| Ok(output.write_all(&bytes)?))?;
         Ok(format!("wrote {shown} with the camera `{name}`"))
     }

@@ -6,7 +6,7 @@ use penumbra::internal::scene::{ImportOptions, Scene};
 use penumbra::{Error, Result};
 use serde_json::json;
 
-use crate::builder::{File, U8, U16, U32, bytes_of, png, temporary};
+use crate::builder::{F32, File, U8, U16, U32, bytes_of, png, temporary};
 
 /// The location of the input error `outcome`. The file of the error must be `path`.
 fn location(outcome: Result<Scene>, path: Option<&Path>) -> String {
@@ -150,7 +150,14 @@ fn structure() {
         f.add("materials", json!({ "emissiveTexture": { "index": 0, "texCoord": 1 } }));
         f.json["meshes"][0]["primitives"][0]["material"] = json!(0);
     };
-    assert_eq!(refused(&no_uv), "/meshes/0/primitives/0/material");
+    assert_eq!(refused(&no_uv), "/meshes/0/primitives/0");
+    // Counts of vertices whose sum would overflow.
+    let many = |f: &mut File| {
+        let accessor = f.add("accessors", json!({ "type": "X", "componentType": F32, "count": u64::MAX }));
+        let primitive = json!({ "attributes": { "POSITION": accessor } });
+        f.json["meshes"][0]["primitives"].as_array_mut().unwrap().push(primitive);
+    };
+    assert_eq!(refused(&many), "/meshes/0/primitives/1");
     // Extensions.
     let required = json!(["KHR_gaussian_splatting"]);
     assert_eq!(refused(&|f| f.json["extensionsRequired"] = required.clone()), "/extensionsRequired/0");

@@ -1,7 +1,7 @@
 //! Cameras of the file, and the camera that frames a scene without one.
 
 use glam::Vec3;
-use penumbra::internal::scene::{Camera, Focus, Framing, Iris, Projection, Scene};
+use penumbra::internal::scene::{Camera, Focus, Framing, Iris, MAX_BLADES, Projection, Scene};
 use serde_json::json;
 
 use crate::builder::File;
@@ -186,6 +186,18 @@ fn lenses_have_the_size_of_their_f_number() {
     scene.open_iris(&mut camera, Iris { f_number: 4.0, blades: 0 }, Focus::Distance(0.75)).unwrap();
     let lens = camera.lens.unwrap();
     assert!(near(metres(lens.radius), 0.00625) && near(metres(lens.distance), 0.75), "{lens:?}");
+    let iris = |f_number: f64, blades: u32| Iris { f_number, blades };
+    for f_number in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let problem = scene.open_iris(&mut camera, iris(f_number, 0), Focus::Auto).unwrap_err();
+        assert!(problem.contains("an f-number is"), "{problem}");
+        let problem = scene.open_iris(&mut camera, iris(4.0, 0), Focus::Distance(f_number)).unwrap_err();
+        assert!(problem.contains("a distance of focus is"), "{problem}");
+    }
+    for blades in [1, 2, MAX_BLADES + 1] {
+        let problem = scene.open_iris(&mut camera, iris(4.0, blades), Focus::Auto).unwrap_err();
+        assert!(problem.contains("from 3 to 64"), "{problem}");
+    }
+    assert_eq!(camera.lens, Some(lens), "a refused iris changes the camera");
     camera.axes[2] = Vec3::NEG_Z;
     let problem = scene.open_iris(&mut camera, Iris { f_number: 4.0, blades: 0 }, Focus::Auto).unwrap_err();
     assert!(problem.contains("centre of the image"), "{problem}");

@@ -258,6 +258,20 @@ fn vertex_colours_of_three_and_four_components() {
     assert_eq!(colours(&file), [Vec4::new(1.0, 0.0, 0.2, 0.4); 3]);
 }
 
+/// A lamp whose texture cannot be shown emits nothing: without it, all of the surface would be a lamp.
+#[test]
+fn lamps_without_their_texture_are_dark() {
+    let emits = |texture: serde_json::Value| {
+        let mut file = with_material(json!({ "emissiveFactor": [1, 1, 1], "emissiveTexture": texture }), 1);
+        // A source of a format that is not read.
+        file.add("textures", json!({ "extensions": { "EXT_texture_avif": { "source": 0 } } }));
+        file.load().materials[0].emissive != Vec3::ZERO
+    };
+    assert!(emits(json!({ "index": 0 })));
+    assert!(!emits(json!({ "index": 0, "texCoord": 2 })));
+    assert!(!emits(json!({ "index": 1 })));
+}
+
 #[test]
 fn images_from_files_and_data_uris() {
     let path = crate::builder::temporary("gltf");

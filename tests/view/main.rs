@@ -1,5 +1,8 @@
 //! The window of `penumbra view`: sessions without a window, the panel without a display, and real windows under Xvfb.
 
+#[allow(dead_code)]
+#[path = "../scene/builder.rs"]
+mod builder;
 #[path = "../common/device.rs"]
 mod device;
 

@@ -31,7 +31,7 @@ fn snapshot() -> Snapshot {
         lights: vec!["lamp".into(), "sun".into()],
         variants: vec!["oak".into()],
         animation_end: Some(2.0),
-        has_environment: false,
+        has_panorama: false,
         message: Some("a message".into()),
         picked: None,
     }
@@ -171,6 +171,24 @@ fn compilation_is_shown_until_it_is_done() {
     assert!(waiting(&panel).contains(&"preparing the scene".to_owned()));
     window.panel.compiling(Compilation { done: 27, all: 27 });
     assert!(window.texts().iter().all(|text| !text.starts_with("compiling")));
+}
+
+/// A value of the command line beyond a slider's range stays as it is while nobody moves the slider.
+#[test]
+fn sliders_leave_values_alone() {
+    let mut snapshot = snapshot();
+    let choices = &mut snapshot.picture.choices;
+    (choices.settings.image.spp, choices.settings.light_scale) = (65_536, 100.0);
+    (choices.display.exposure, choices.pose.time) = (10.0, Some(30.0));
+    let mut window = Window::new(snapshot);
+    for _ in 0..3 {
+        let commands = window.commands(Vec::new(), Modifiers::NONE);
+        assert!(commands.is_empty(), "{commands:?}");
+    }
+    let texts = window.texts();
+    for value in ["65536", "100", "30"] {
+        assert!(texts.iter().any(|text| text.starts_with(value)), "{value} is not in {texts:?}");
+    }
 }
 
 #[test]

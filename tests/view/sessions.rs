@@ -11,10 +11,12 @@ use kernel_kit::{DeviceChoice, Gpu};
 use penumbra::internal::kernels::{CellKind, Class, ShownCell};
 use penumbra::internal::render::photons::SurfacePoint;
 use penumbra::internal::scene::{AddedCamera, Extent, LookAt, NO_LIGHT, with_camera};
-use penumbra::internal::view::{Command, Event, Overlay, Session, Shown, Viewpoint, Worker};
+use penumbra::internal::view::{Command, Event, Overlay, Session, Shown, Viewpoint, Worker, pick};
 use penumbra::settings::LightSampling;
 use penumbra::{Image, ImportOptions, Renderer, Scene, Settings, Technique};
+use serde_json::json;
 
+use crate::builder::File;
 use crate::device::gpu;
 use crate::setup::{BOX, SPHERE, choices, folder, session, settings, settle, state};
 
@@ -172,6 +174,30 @@ fn a_picked_pixel_tells_its_surface_and_its_lights() {
     let [light] = floor.lights.as_slice() else { panic!("{floor:?}") };
     assert!(["lit", "boundary"].contains(&light.class), "{light:?}");
     assert!(light.photons[0] > 0.0 && light.visibility > 0.2, "{light:?}");
+}
+
+/// Instances are picked where they are, and the mesh that they share is nowhere else.
+#[test]
+fn instances_are_picked_where_they_are() {
+    let mut file = File::new();
+    let square = [[-1., -1., 0.], [1., -1., 0.], [1., 1., 0.], [-1., -1., 0.], [1., 1., 0.], [-1., 1., 0.]];
+    // Meshes of two triangles are not shared.
+    let mesh = file.mesh(&[square, square].concat(), json!({}));
+    file.json["nodes"][mesh]["translation"] = json!([2, 0, -5]);
+    file.add("nodes", json!({ "mesh": 0, "translation": [-2, 0, -7], "scale": [2, 2, 2] }));
+    let lens = json!({ "type": "perspective", "perspective": { "yfov": 1.2, "aspectRatio": 1, "znear": 0.1 } });
+    let camera = file.add("cameras", lens);
+    file.add("nodes", json!({ "camera": camera }));
+    for max_copied_triangles in [Some(0), None] {
+        let options = ImportOptions { max_copied_triangles, ..ImportOptions::default() };
+        let scene = Scene::from_bytes(&file.glb(), Path::new("squares.glb"), &options).unwrap();
+        assert_eq!(scene.instances.len(), if max_copied_triangles.is_some() { 2 } else { 0 });
+        let depth = |x: f32| pick(&scene, &scene.cameras[0], [64, 64], [x, 0.5]).map(|hit| hit.depth);
+        let is_near = |x: f32, expected: f64| depth(x).is_some_and(|depth| (depth - expected).abs() < 1e-5);
+        // By similar triangles: at depth 5 a square from 1 to 3, at depth 7 one from -4 to 0.
+        assert!(is_near(0.8, 5.0) && is_near(0.3, 7.0), "{:?} and {:?}", depth(0.8), depth(0.3));
+        assert_eq!(depth(0.55), None, "between them");
+    }
 }
 
 fn shows(overlay: Overlay) -> Command {
@@ -395,7 +421,7 @@ fn another_scene_replaces_the_first() {
     let first = settle(&mut session, [Command::Camera(Viewpoint::Placed(FROM_THE_RIGHT))]);
     let missing = settle(&mut session, [Command::Open(PathBuf::from("missing.glb"))]);
     assert!(missing.message.unwrap().contains("missing.glb"));
-    assert_eq!(missing.pixels, first.pixels);
+    assert_eq!((missing.pixels, missing.picture.file), (first.pixels, PathBuf::from(BOX)));
     let sphere = settle(&mut session, [Command::Open(SPHERE.into())]);
     assert_eq!((sphere.message, sphere.picture.eye.viewpoint), (None, Viewpoint::Given));
     assert!(*sphere.pixels == bytes(&render(SPHERE, None, &settings())));

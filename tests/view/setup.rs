@@ -45,6 +45,10 @@ impl Source for Files {
     fn files(&self) -> Vec<PathBuf> {
         Vec::new()
     }
+
+    fn has_panorama(&self) -> bool {
+        false
+    }
 }
 
 /// A small picture with few samples.

@@ -222,6 +222,11 @@ impl SceneOptions {
         self.aperture
     }
 
+    /// Whether there is a panorama around the scene.
+    pub fn has_panorama(&self) -> bool {
+        self.environment.is_some()
+    }
+
     /// The rotation of the environment, if one is given.
     pub fn rotation(&self) -> Option<f64> {
         Some(self.environment_rotation).filter(|degrees| self.environment.is_some() && *degrees != 0.0)

@@ -8,12 +8,9 @@ use clap::{Arg, Command};
 use glam::DVec3;
 use penumbra::internal::render::film::linear_from_srgb;
 use penumbra::internal::report::entrant::Entrant;
-use penumbra::internal::scene::Focus;
+use penumbra::internal::scene::{Focus, MAX_BLADES};
 use penumbra::settings::{Background, Crop, Denoise, LightSampling, Sampling};
 use penumbra::{Aov, Technique};
-
-/// Maximum number of blades of an iris. No eye sees that the blur of so many is not round.
-const MAX_BLADES: u32 = 64;
 
 /// A technique; none for `auto`.
 #[derive(Clone, Copy)]
