@@ -279,7 +279,7 @@ pub const RECORD_MIN_WEIGHT: f32 = 0.3;
 /// normal, position.
 pub const DENOISE_VECTORS: u32 = 7;
 
-/// Width of the border around the image in the tables of the statistical denoiser: no window is wider.
+/// Width of the border around the image in the tables of the statistical denoiser: no window reaches farther.
 pub const DENOISE_BORDER: u32 = 5;
 
 /// Width of the coarsest fine cells in pixels; up to twice that, as it is rounded up to a power of two.

@@ -186,8 +186,8 @@ impl ClassifyRequestedCells {
 }
 
 impl PhotonGrid {
-    /// The requested cells and their classes, as words. A resumed render needs them: whether a point
-    /// has the class of a requested cell or traces shadow rays changes the noise of the image.
+    /// The requested cells and their classes, as words. A resumed render needs them: whether a point has the
+    /// class of a requested cell or traces shadow rays changes the noise of the image.
     ///
     /// # Errors
     /// As [`Gpu::read`].

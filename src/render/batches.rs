@@ -65,6 +65,7 @@ impl Renderer<'_> {
         let batch = self.blocks_of_batch();
         let first_sample = self.first_sample(batch.as_ref());
         let layers = self.layers_of_batch(limit, first_sample, batch.as_ref());
+        let share = self.share_of_pixels(batch.as_ref());
         let batches = match (&self.blocks, batch) {
             (Some(_), Some(mut batch)) => {
                 batch.missing = layers;
@@ -109,8 +110,7 @@ impl Renderer<'_> {
         let start = Instant::now();
         self.keep()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
-        let samples = f64::from(layers) * self.share_of_pixels(batches.first());
-        self.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / samples);
+        self.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / (f64::from(layers) * share));
         Ok(self.progress())
     }
 
@@ -124,12 +124,9 @@ impl Renderer<'_> {
         self.blocks.as_ref().filter(|_| self.settings.image.noise.is_some()).and_then(Blocks::batch)
     }
 
-    /// The share of the pixels that get samples in the batch, where they are to reach a small error; else all do.
+    /// The share of the pixels that are in the batch; without one all are.
     fn share_of_pixels(&self, batch: Option<&Batch>) -> f64 {
-        match (&self.blocks, batch) {
-            (Some(blocks), Some(batch)) if self.settings.image.noise.is_some() => blocks.share_of(batch),
-            _ => 1.0,
-        }
+        self.blocks.as_ref().zip(batch).map_or(1.0, |(blocks, batch)| blocks.share_of(batch))
     }
 
     /// Expected seconds of one sample of each pixel of the next batch; none before the first batch.
@@ -235,11 +232,7 @@ impl Renderer<'_> {
         // Fine cells decide where the map does not.
         let features = &self.specialisation.features;
         if features.has(Feature::VisibilityMap) && !features.has(Feature::FineCells) {
-            let lights = match features.has(Feature::LightSampling) {
-                true => self.settings.light_sampling.sampled_lights as usize,
-                false => self.scene.lights.len(),
-            };
-            self.totals.add_mapped(&counters, lights, self.scene.environment().is_some());
+            self.totals.add_mapped(&counters, self.scene.lights.len(), self.scene.environment().is_some());
         }
         Ok(u64::from(tile.point_count))
     }

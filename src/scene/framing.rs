@@ -4,6 +4,7 @@ use glam::{Mat3, Vec3};
 
 use super::camera::{Camera, Projection};
 use super::description::Scene;
+use super::look_at::DEFAULT_FOV;
 use super::triangle::NO_LIGHT;
 
 /// Share of the image's width, and of its height, that stays free at each side.
@@ -38,10 +39,9 @@ impl Framing {
 }
 
 impl Default for Framing {
-    /// From the front, 15 degrees above the horizon: the view of a model that stands on the ground. The field of view
-    /// is that of a 50 mm lens on 36 mm film.
+    /// From the front, 15 degrees above the horizon: the view of a model that stands on the ground.
     fn default() -> Self {
-        Framing { azimuth: 0.0, elevation: 15.0, aspect: 1.0, fov: 40.0 }
+        Framing { azimuth: 0.0, elevation: 15.0, aspect: 1.0, fov: DEFAULT_FOV as f32 }
     }
 }
 

@@ -45,23 +45,14 @@ impl Scene {
         self.vertices[vertices].iter().map(move |vertex| instance.apply(vertex.position))
     }
 
-    /// The triangles with their corners' positions, of each instance its own.
-    pub(crate) fn placed_triangles(&self) -> impl Iterator<Item = (&Triangle, [Vec3; 3])> {
-        (0..self.flat_triangles()).map(|index| self.stored_triangle(index)).chain(self.instance_triangles())
-    }
-
     /// The triangles of each instance with their corners' positions.
     pub(crate) fn instance_triangles(&self) -> impl Iterator<Item = (&Triangle, [Vec3; 3])> {
         let of_instance = move |instance: Instance| {
             let triangles = self.shared_meshes[instance.mesh].triangles.clone();
             let place = move |(triangle, corners): (_, [Vec3; 3])| (triangle, corners.map(|p| instance.apply(p)));
-            triangles.map(|index| self.stored_triangle(index)).map(place)
+            triangles.map(|index| (&self.triangles[index], self.triangle_positions(index))).map(place)
         };
         self.instances.iter().flat_map(move |instance| of_instance(*instance))
-    }
-
-    fn stored_triangle(&self, index: usize) -> (&Triangle, [Vec3; 3]) {
-        (&self.triangles[index], self.triangle_positions(index))
     }
 
     /// Replaces the instances by triangles of their own.

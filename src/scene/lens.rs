@@ -1,6 +1,6 @@
 //! The lens of a camera: its iris, and where it is in focus.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use super::camera::{Camera, Lens, Projection};
 use super::description::Scene;
@@ -56,33 +56,14 @@ impl Scene {
         let scale = self.normalisation.scale();
         let distance = match focus {
             Focus::Distance(metres) => (metres * scale) as f32,
-            Focus::Auto => self.depth_ahead(camera).ok_or("nothing is in the centre of the image to focus on")?,
+            Focus::Auto => {
+                let [position, ahead] = [camera.position, -camera.axes[2]].map(Vec3::as_dvec3);
+                let nearest = self.nearest(position, ahead, &(f64::from(camera.near)..=f64::from(camera.far)));
+                nearest.ok_or("nothing is in the centre of the image to focus on")?.depth as f32
+            }
         };
         let radius = (0.5 * focal_length / iris.f_number * scale) as f32;
         camera.lens = Some(Lens { radius, distance, blades: iris.blades });
         Ok(())
-    }
-
-    /// Distance of the nearest surface straight ahead of a camera. Surfaces that are functions are seen as their boxes.
-    fn depth_ahead(&self, camera: &Camera) -> Option<f32> {
-        let ahead = -camera.axes[2];
-        let triangles = self.placed_triangles().filter_map(|(_, corners)| {
-            let [a, b, c] = corners.map(|corner| (corner - camera.position).as_dvec3());
-            let (ahead, normal) = (ahead.as_dvec3(), (b - a).cross(c - a));
-            let depth = a.dot(normal) / ahead.dot(normal);
-            let at = depth * ahead;
-            let inside = |p: DVec3, q: DVec3| (q - p).cross(at - p).dot(normal) >= 0.0;
-            (depth.is_finite() && inside(a, b) && inside(b, c) && inside(c, a)).then_some(depth as f32)
-        });
-        let boxes = self.procedurals.iter().filter_map(|object| {
-            let corners = object.corners();
-            let lower = corners.iter().copied().reduce(Vec3::min)? - camera.position;
-            let upper = corners.iter().copied().reduce(Vec3::max)? - camera.position;
-            let (a, b) = (lower / ahead, upper / ahead);
-            let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
-            (enter <= leave).then_some(enter)
-        });
-        let depths = triangles.chain(boxes).filter(|depth| (camera.near..=camera.far).contains(depth));
-        depths.min_by(f32::total_cmp)
     }
 }

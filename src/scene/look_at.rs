@@ -20,10 +20,12 @@ pub enum Extent {
     Height(f64),
 }
 
+/// Vertical field of view in degrees of a camera that the file does not have, as of a 50 mm lens on 36 mm film.
+pub(super) const DEFAULT_FOV: f64 = 40.0;
+
 impl Default for Extent {
-    /// As of a 50 mm lens on 36 mm film.
     fn default() -> Self {
-        Extent::FieldOfView(40.0)
+        Extent::FieldOfView(DEFAULT_FOV)
     }
 }
 

@@ -1,10 +1,9 @@
 //! The window's content: the picture, what moves its camera, and the panel beside it. It turns what the user does into
 //! requests.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-use std::ops::RangeInclusive;
 
 use egui::{
     CentralPanel, Color32, ColorImage, ComboBox, Frame, Image, Key, Modifiers, Panel as SidePanel, PointerButton, Pos2,

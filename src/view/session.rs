@@ -226,7 +226,7 @@ pub struct Snapshot {
     pub variants: Vec<String>,
     /// End of the animation in seconds; none without one.
     pub animation_end: Option<f64>,
-    /// Whether the scene has an environment.
+    /// Whether the scene is shown with a panorama of the command line.
     pub has_panorama: bool,
     /// The last message, an error or what was done.
     pub message: Option<String>,

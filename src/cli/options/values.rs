@@ -55,45 +55,49 @@ impl TypedValueParser for EntrantParser {
     }
 }
 
-/// One of the strategies of light sampling, by name.
+/// One of `all`, by name, each with its help.
+fn by_name<T, const N: usize>(
+    all: [T; N],
+    name: fn(T) -> &'static str,
+    help: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T>
+where
+    T: Copy + FromStr<Err = String> + Send + Sync + 'static,
+{
+    let values = all.map(|value| PossibleValue::new(name(value)).help(help(value)));
+    PossibleValuesParser::new(values).try_map(|name| name.parse())
+}
+
+/// One of the strategies of light sampling.
 pub fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
-    let values = LightSampling::ALL.map(|strategy| {
-        PossibleValue::new(strategy.name()).help(match strategy {
-            LightSampling::All => "all lights",
-            LightSampling::Uniform => "a few lights, with equal probability",
-            LightSampling::Power => "a few lights: half of the time by power, else with equal probability",
-            LightSampling::Contribution => "a few lights, by what each would send to the point without occluders",
-            LightSampling::Zones => "a few of the lights whose photons reach the zone of the point",
-        })
-    });
-    PossibleValuesParser::new(values).try_map(|name| name.parse())
+    by_name(LightSampling::ALL, LightSampling::name, |strategy| match strategy {
+        LightSampling::All => "all lights",
+        LightSampling::Uniform => "a few lights, with equal probability",
+        LightSampling::Power => "a few lights: half of the time by power, else with equal probability",
+        LightSampling::Contribution => "a few lights, by what each would send to the point without occluders",
+        LightSampling::Zones => "a few of the lights whose photons reach the zone of the point",
+    })
 }
 
-/// One of the ways to share samples out, by name.
+/// One of the ways to share samples out.
 pub fn samplings() -> impl TypedValueParser<Value = Sampling> {
-    let values = Sampling::ALL.map(|sampling| {
-        PossibleValue::new(sampling.name()).help(match sampling {
-            Sampling::Uniform => "--spp samples of every pixel",
-            Sampling::Adaptive => {
-                "--spp samples of a pixel in the mean: up to eight times as many where there is noise, and half as \
-                 many where there is none"
-            }
-        })
-    });
-    PossibleValuesParser::new(values).try_map(|name| name.parse())
+    by_name(Sampling::ALL, Sampling::name, |sampling| match sampling {
+        Sampling::Uniform => "--spp samples of every pixel",
+        Sampling::Adaptive => {
+            "--spp samples of a pixel in the mean: up to eight times as many where there is noise, and half as many \
+             where there is none"
+        }
+    })
 }
 
-/// One of the denoisers, by name.
+/// One of the denoisers.
 pub fn denoisers() -> impl TypedValueParser<Value = Denoise> {
-    let values = Denoise::ALL.map(|denoise| {
-        PossibleValue::new(denoise.name()).help(match denoise {
-            Denoise::Auto => "the mixture of the raw image and all available denoisers with the least estimated error",
-            Denoise::None => "no denoiser",
-            Denoise::Statistical => "the statistical denoiser alone, which needs no library",
-            Denoise::Oidn => "Open Image Denoise alone",
-        })
-    });
-    PossibleValuesParser::new(values).try_map(|name| name.parse())
+    by_name(Denoise::ALL, Denoise::name, |denoise| match denoise {
+        Denoise::Auto => "the mixture of the raw image and all available denoisers with the least estimated error",
+        Denoise::None => "no denoiser",
+        Denoise::Statistical => "the statistical denoiser alone, which needs no library",
+        Denoise::Oidn => "Open Image Denoise alone",
+    })
 }
 
 /// A list of groups of channels, separated by commas.

@@ -1,5 +1,7 @@
 //! What came of a case.
 
+use std::borrow::Cow;
+
 use super::cases::Case;
 use super::comparison::{Comparison, device_kind, different_pixels, kind_of};
 use crate::render::film::{Image, View};
@@ -148,11 +150,12 @@ fn as_baseline(image: &Image) -> Image {
 }
 
 /// An image as far as a baseline tells it: a PNG has eight bits a channel, and nothing brighter than white.
-fn in_format_of(case: &Case, image: &Image) -> crate::Result<Image> {
+fn in_format_of<'a>(case: &Case, image: &'a Image) -> crate::Result<Cow<'a, Image>> {
     match case.baseline.extension() {
         Some(extension) if extension.eq_ignore_ascii_case("png") => {
-            Image::from_bytes(&as_baseline(image).to_png(View::Standard, 0.0)?, &case.baseline)
+            let png = as_baseline(image).to_png(View::Standard, 0.0)?;
+            Image::from_bytes(&png, &case.baseline).map(Cow::Owned)
         }
-        _ => Ok(image.clone()),
+        _ => Ok(Cow::Borrowed(image)),
     }
 }
