@@ -263,10 +263,10 @@ impl Panel {
             }
         });
         if let Some(fov) = snapshot.fov {
-            let slider = ui.add(Slider::new(&mut self.fov, 5.0..=120.0).suffix("°").text("field of view"));
-            if slider.changed() {
+            let slid = ui.add(slider(&mut self.fov, 5.0..=120.0).suffix("°").text("field of view"));
+            if slid.changed() {
                 command(Command::FieldOfView(self.fov));
-            } else if !slider.dragged() && !slider.has_focus() {
+            } else if !slid.dragged() && !slid.has_focus() {
                 self.fov = fov;
             }
             let mut has_lens = self.f_number.is_some();
@@ -275,7 +275,7 @@ impl Panel {
                 self.f_number = has_lens.then_some(2.8);
             }
             let slid = self.f_number.as_mut().is_some_and(|f_number| {
-                ui.add(Slider::new(f_number, 0.5..=MAX_F_NUMBER).logarithmic(true).text("f-number")).changed()
+                ui.add(slider(f_number, 0.5..=MAX_F_NUMBER).logarithmic(true).text("f-number")).changed()
             });
             if toggled || slid {
                 command(Command::Aperture(self.f_number));

@@ -180,13 +180,14 @@ fn sliders_leave_values_alone() {
     let choices = &mut snapshot.picture.choices;
     (choices.settings.image.spp, choices.settings.light_scale) = (65_536, 100.0);
     (choices.display.exposure, choices.pose.time) = (10.0, Some(30.0));
+    snapshot.fov = Some(150.0);
     let mut window = Window::new(snapshot);
     for _ in 0..3 {
         let commands = window.commands(Vec::new(), Modifiers::NONE);
         assert!(commands.is_empty(), "{commands:?}");
     }
     let texts = window.texts();
-    for value in ["65536", "100", "30"] {
+    for value in ["65536", "100", "30", "150"] {
         assert!(texts.iter().any(|text| text.starts_with(value)), "{value} is not in {texts:?}");
     }
 }
