@@ -11,7 +11,7 @@ use super::triangle::Vertex;
 use crate::procedural::box_corners;
 
 /// A surface that a ray meets.
-pub(crate) struct Nearest {
+pub struct Nearest {
     /// The multiple of the ray's direction at which it does.
     pub depth: f64,
     /// Index of its material.
@@ -23,7 +23,7 @@ pub(crate) struct Nearest {
 impl Scene {
     /// The first surface that a ray meets at a multiple of `way` in `range`, in normalised space. Textures let no ray
     /// pass, and objects that are functions are met at their boxes.
-    pub(crate) fn nearest(&self, origin: DVec3, way: DVec3, range: &RangeInclusive<f64>) -> Option<Nearest> {
+    pub fn nearest(&self, origin: DVec3, way: DVec3, range: &RangeInclusive<f64>) -> Option<Nearest> {
         let met = |index: usize, place: &dyn Fn(Vec3) -> Vec3| {
             let corners = self.triangle_positions(index).map(|corner| place(corner).as_dvec3());
             let depth = triangle_depth(corners, origin, way).filter(|depth| range.contains(depth))?;
