@@ -140,8 +140,12 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let sampling = arguments.time.map(|time| time.saturating_sub(denoising));
     if arguments.settings.is_automatic() {
         let within = sampling.map(|time| time.as_secs_f64());
-        let Choice { technique, reason } = Choice::new(&gpu, &scene, &camera, &settings, within);
+        let Choice { technique, reason, sampling } = Choice::new(&gpu, &scene, &camera, &settings, within);
         settings.technique = technique;
+        // An image with a checkpoint has the bits of one without a time.
+        if arguments.settings.leaves_sampling() && arguments.checkpoint.is_none() {
+            settings.image.sampling = sampling;
+        }
         if let Some(reason) = reason {
             notes.say(&[format!("--technique {technique}, since {reason}")]);
         }
@@ -457,7 +461,8 @@ impl Session<'_> {
         let names: Vec<&str> = self.denoiser.names().collect();
         let error = match estimate::denoised_relmse(image) {
             Some(error) => format!("estimated relMSE {error:.2e}"),
-            None => "of unknown error: a single sample tells none".to_owned(),
+            None if statistics.samples == 1 => "of unknown error: a single sample tells none".to_owned(),
+            None => "of unknown error: --time leaves none to estimate it".to_owned(),
         };
         let (choice, seconds) = (self.denoiser.choice(), statistics.time.denoise);
         say(format_args!("denoised by {choice} ({}) in {seconds:.2} s, {error}", names.join(", ")));

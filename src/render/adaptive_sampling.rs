@@ -186,15 +186,48 @@ fn medians(colours: &[Colour], width: usize) -> Vec<Colour> {
     let near = |i: usize, end: usize| i.saturating_sub(1)..(i + 2).min(end);
     let pixel = |pixel: usize| {
         let rows = near(pixel / width, height);
-        let mut values = [[0.0; 9]; 3];
+        let mut values = [[f32::INFINITY; 3]; 9];
         let mut count = 0;
         for colour in rows.flat_map(|y| &colours[y * width..][near(pixel % width, width)]) {
-            (0..3).for_each(|c| values[c][count] = colour[c]);
+            values[count] = *colour;
             count += 1;
         }
-        values.map(|mut values| *values[..count].select_nth_unstable_by(count / 2, f32::total_cmp).1)
+        // Beyond the edges of the image, as many infinities below as above; of an even number the upper one of two.
+        values[count..].iter_mut().take(4 - count / 2).for_each(|missing| *missing = [f32::NEG_INFINITY; 3]);
+        median_of_nine(values)
     };
     (0..colours.len()).into_par_iter().map(pixel).collect()
+}
+
+/// The median of nine, by channel (Paeth 1990).
+fn median_of_nine(mut values: [Colour; 9]) -> Colour {
+    const ORDERED: [(usize, usize); 19] = [
+        (1, 2),
+        (4, 5),
+        (7, 8),
+        (0, 1),
+        (3, 4),
+        (6, 7),
+        (1, 2),
+        (4, 5),
+        (7, 8),
+        (0, 3),
+        (5, 8),
+        (4, 7),
+        (3, 6),
+        (1, 4),
+        (2, 5),
+        (4, 7),
+        (4, 2),
+        (6, 4),
+        (4, 2),
+    ];
+    for (lower, upper) in ORDERED {
+        let (a, b) = (values[lower], values[upper]);
+        values[lower] = [0, 1, 2].map(|c| a[c].min(b[c]));
+        values[upper] = [0, 1, 2].map(|c| a[c].max(b[c]));
+    }
+    values[4]
 }
 
 /// Wrong classes that no audit has met yet do not show in the samples. A point's estimate is c + (V - c) / p with
@@ -221,5 +254,16 @@ mod tests {
         let row: Vec<Colour> = (1u8..5).map(|x| [f32::from(x); 3]).collect();
         // Of an even number the upper one.
         assert_eq!(medians(&row, 4), [2.0, 2.0, 3.0, 4.0].map(|x| [x; 3]));
+    }
+
+    /// Nine values, zeros and ones in all ways, which is enough for a network of minima and maxima (Knuth's zero-one
+    /// principle).
+    #[test]
+    fn the_median_of_nine_is_the_fifth() {
+        for bits in 0..1u32 << 9 {
+            let values = std::array::from_fn(|i| [(bits >> i & 1) as f32, 1.0 - (bits >> i & 1) as f32, 0.5]);
+            let expected = f32::from(u8::from(bits.count_ones() >= 5));
+            assert_eq!(median_of_nine(values), [expected, 1.0 - expected, 0.5], "{bits:b}");
+        }
     }
 }

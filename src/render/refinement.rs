@@ -19,6 +19,15 @@ use crate::passes::cache::BoundCache;
 use crate::passes::film::{Change, Plane};
 use crate::statistics::Rays;
 
+/// A step of indirect light to another stage.
+#[derive(Clone, Copy)]
+pub(super) struct Step {
+    /// The stage that it leads to.
+    pub stage: i32,
+    /// Whether the error by gather rays is expected to remain larger than that by samples.
+    pub leaves_more_error: bool,
+}
+
 impl Renderer<'_> {
     /// The stage that the next sample needs, whatever the samples so far tell.
     pub(super) fn due_stage(&self) -> i32 {
@@ -34,11 +43,11 @@ impl Renderer<'_> {
     }
 
     /// Goes on to the stage that the next sample needs, and beyond while estimates ask for it, as far as `fits` allows
-    /// the stages.
-    pub(super) fn refine(&mut self, fits: &mut dyn FnMut(&Self, i32) -> bool) -> Result<()> {
+    /// the steps.
+    pub(super) fn refine(&mut self, fits: &mut dyn FnMut(&Self, Step) -> bool) -> Result<()> {
         let start = Instant::now();
         let due = self.due_stage();
-        while self.stage < due && fits(self, self.stage + 1) {
+        while self.stage < due && fits(self, Step { stage: self.stage + 1, leaves_more_error: false }) {
             self.go_on(self.stage + 1)?;
         }
         if self.estimates_growth() && self.samples > 0 {
@@ -69,16 +78,27 @@ impl Renderer<'_> {
         (self.stage + if is_known { 2 } else { 1 }).min(LAST_STAGE)
     }
 
-    /// The next stage if it fits, else the one before it if that does.
-    fn next_that_fits(&self, fits: &mut dyn FnMut(&Self, i32) -> bool) -> Option<i32> {
-        (self.stage + 1..=self.next_stage()).rev().find(|stage| fits(self, *stage))
+    /// The next stage if it fits, else the one before it if that does. `error` and `noise` are the relMSE by gather
+    /// rays and by samples; without `error` nothing tells which is larger.
+    fn next_that_fits(&self, fits: &mut dyn FnMut(&Self, Step) -> bool, error: Option<f64>, noise: f64) -> Option<i32> {
+        let fits = |stage: &i32| {
+            let leaves_more_error = error.is_some_and(|error| error > noise * self.factor_to(*stage));
+            fits(self, Step { stage: *stage, leaves_more_error })
+        };
+        (self.stage + 1..=self.next_stage()).rev().find(fits)
+    }
+
+    /// How many times the gather rays are those that there are now.
+    fn factor_to(&self, stage: i32) -> f64 {
+        f64::from(stage - self.stage).exp2()
     }
 
     /// Adds gather rays while the samples and rays so far tell that they gain more than samples.
-    fn grow(&mut self, fits: &mut dyn FnMut(&Self, i32) -> bool) -> Result<()> {
+    fn grow(&mut self, fits: &mut dyn FnMut(&Self, Step) -> bool) -> Result<()> {
         let is_early = self.growth.as_ref().is_some_and(|growth| !growth.is_due(self.samples));
-        // What does not fit now may fit later, if there is more time.
-        if self.stage == LAST_STAGE || is_early || (self.growth.is_some() && self.next_that_fits(fits).is_none()) {
+        // What does not fit now may fit later, if there is more time. The noise is not known yet.
+        let fits_if_no_noise = |growth: &Growth| self.next_that_fits(fits, growth.error, 0.0).is_some();
+        if self.stage == LAST_STAGE || is_early || !self.growth.as_ref().is_none_or(fits_if_no_noise) {
             return Ok(());
         }
         let mut means = self.pixel_means()?;
@@ -89,8 +109,8 @@ impl Renderer<'_> {
                 None => growth.noise(&means, self.samples),
             };
             error = growth.error;
-            while let Some(stage) = self.next_that_fits(fits) {
-                let factor = f64::from(stage - self.stage).exp2();
+            while let Some(stage) = self.next_that_fits(fits, error, noise) {
+                let factor = self.factor_to(stage);
                 // Those of samples: photons may be those of another view.
                 let Rays { gather, camera, shadow, audit, bounce, .. } = self.totals.rays();
                 let others = camera + shadow + audit + bounce;

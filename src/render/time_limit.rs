@@ -8,8 +8,12 @@ use super::stages::settings_of_stage;
 use crate::Result;
 
 /// Largest share of the time left that better indirect light may take: what it gains is in the samples that follow it.
-/// With half of it, as many of these fit as without.
+/// With half of it, half as many of these fit as without.
 const REFINEMENT_SHARE: f64 = 0.5;
+
+/// As [`REFINEMENT_SHARE`], where gather rays will still leave more error than samples do, so that further samples gain
+/// little. What is left is for steps that take longer than expected.
+const DOMINANT_SHARE: f64 = 0.75;
 
 /// So many times the samples for which photons pay must still fit, as composing their kernels takes part of the time.
 /// Without this margin `scenes/box.glb` had 1.6 times the error of `two-pass` after a second, with it 1.1 times
@@ -31,7 +35,11 @@ impl Renderer<'_> {
         }
         self.refine_within(seconds)?;
         let left = seconds - start.elapsed().as_secs_f64();
-        let limit = sample.map_or(1, |sample| ((left / sample) as u32).max(1));
+        let limit = sample.map_or(1, |sample| (left / sample) as u32);
+        if limit == 0 {
+            // Better indirect light took longer than expected.
+            return Ok(None);
+        }
         let spp = self.samples.saturating_add(limit / MARGIN_FOR_KERNELS).min(self.settings.image.spp);
         self.add_samples(limit, spp).map(Some)
     }
@@ -55,9 +63,10 @@ impl Renderer<'_> {
     /// Adds indirect light that leaves enough of `seconds`.
     fn refine_within(&mut self, seconds: f64) -> Result<()> {
         let start = Instant::now();
-        self.refine(&mut |renderer, stage| {
+        self.refine(&mut |renderer, step| {
             let left = seconds - start.elapsed().as_secs_f64();
-            renderer.seconds_to(stage) <= REFINEMENT_SHARE * left
+            let share = if step.leaves_more_error { DOMINANT_SHARE } else { REFINEMENT_SHARE };
+            renderer.seconds_to(step.stage) <= share * left
         })
     }
 

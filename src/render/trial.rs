@@ -104,7 +104,12 @@ impl Renderer<'_> {
         if !ends || !is_on_trial(&self.specialisation, &self.settings) {
             return Ok(());
         }
-        if decide_enough(counted, samples, &self.totals.points()) { Ok(()) } else { self.leave_out_photons() }
+        let is_shared = self.settings.image.shares_samples();
+        if decide_enough(counted, samples, &self.totals.points(), is_shared) {
+            Ok(())
+        } else {
+            self.leave_out_photons()
+        }
     }
 
     /// Traces all shadow rays from now on.

@@ -168,9 +168,13 @@ impl Starter {
     /// The settings for an image whose samples are to end `within` so many seconds, on which a choice depends.
     fn settings(&self, subject: &Subject<'_>, seed: u32, within: f64) -> Settings {
         let Subject { gpu, scene, camera, settings } = *subject;
-        let choice = || Choice::after_import(gpu, scene, camera, settings, within).technique;
         settings.clone().with(|s| {
-            s.technique = self.technique.unwrap_or_else(choice);
+            if let Some(technique) = self.technique {
+                s.technique = technique;
+            } else {
+                let Choice { technique, sampling, .. } = Choice::after_import(gpu, scene, camera, settings, within);
+                (s.technique, s.image.sampling) = (technique, sampling);
+            }
             s.image.denoise = self.denoiser.choice();
             s.image.seed = seed;
             s.image.spp = Settings::UNLIMITED_SPP;

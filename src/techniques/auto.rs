@@ -1,9 +1,11 @@
-//! The technique of a render that names none.
+//! The technique of a render that names none, and which pixels get how many of its samples.
 
 use kernel_kit::Gpu;
 
 use crate::scene::{Camera, Light, Scene};
-use crate::settings::{Aov, IrradianceCacheSettings, Settings, ShadowRaySettings, Technique, VisibilityMapSettings};
+use crate::settings::{
+    Aov, IrradianceCacheSettings, Sampling, Settings, ShadowRaySettings, Technique, VisibilityMapSettings,
+};
 use crate::specialisation::Specialisation;
 use crate::specialisation::features::Feature;
 
@@ -14,6 +16,8 @@ pub struct Choice {
     pub technique: Technique,
     /// The reason; none for the default.
     pub reason: Option<String>,
+    /// Which pixels get how many samples.
+    pub sampling: Sampling,
 }
 
 /// What the first sample of the default technique takes on a software device of two cores, in seconds. Fitted to the
@@ -56,16 +60,25 @@ impl Choice {
     ///
     /// That is the default technique: of many samples it has made the smallest error in all scenes that were measured.
     /// Only its first sample comes later than that of paths, which need neither photons nor records.
+    ///
+    /// Pixels share its samples out, which at equal time takes up to half of the error away (docs/decisions.md,
+    /// "Samples shared out"). Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
     pub fn new(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings, within: Option<f64>) -> Choice {
-        let usual = Choice { technique: Technique::default(), reason: None };
-        let Some(within) = within.filter(|_| gpu.is_software() && is_free(settings)) else { return usual };
+        let usual = Choice { technique: Technique::default(), reason: None, sampling: settings.image.sampling };
+        let Some(within) = within.filter(|_| gpu.is_software()) else { return usual };
+        let is_decided = settings.image.noise.is_some() || settings.image.piece.is_some();
+        let sampling = if is_decided { settings.image.sampling } else { Sampling::Adaptive };
+        let usual = Choice { sampling, ..usual };
+        if !is_free(settings) {
+            return usual;
+        }
         let cores = std::thread::available_parallelism().map_or(1.0, |cores| usize::from(cores) as f64);
         let expected = first_sample(scene, camera, settings, cores);
         if within >= MIN_SHARE * expected {
             return usual;
         }
         let reason = format!("photons and records would take about {expected:.1} s before the first image");
-        Choice { technique: Technique::PATH, reason: Some(reason) }
+        Choice { technique: Technique::PATH, reason: Some(reason), sampling }
     }
 
     /// As [`Choice::new`], for seconds that begin once the scene is imported and end before the image is written.

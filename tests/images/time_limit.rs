@@ -2,7 +2,7 @@
 
 use penumbra::internal::scene::ImportOptions;
 use penumbra::internal::techniques::auto::Choice;
-use penumbra::settings::Denoise;
+use penumbra::settings::{Denoise, Sampling};
 use penumbra::{Aov, Denoiser, Renderer, Scene, Settings, Technique};
 
 use crate::setup::{assert_same, gpu, scene_file};
@@ -122,8 +122,10 @@ fn the_technique_fits_the_time() {
         let camera = scene.cameras[0].clone();
         let plain = settings(4).with(|s| s.technique = Technique::default());
         let technique = |settings: &Settings, within: Option<f64>| {
-            let Choice { technique, reason } = Choice::new(gpu(), &scene, &camera, settings, within);
+            let Choice { technique, reason, sampling } = Choice::new(gpu(), &scene, &camera, settings, within);
             assert_eq!(reason.is_some(), technique != Technique::default(), "{name}");
+            let shares = is_software && within.is_some();
+            assert_eq!(sampling, if shares { Sampling::Adaptive } else { Sampling::Uniform }, "{name}, {within:?}");
             technique
         };
         let short = if is_software { Technique::PATH } else { Technique::default() };
@@ -161,5 +163,8 @@ fn many_lights_leave_time_for_photons() {
         (s.image.width, s.image.height) = (256, 256);
     });
     let choice = Choice::new(gpu(), &scene, &camera, &settings, Some(5.0));
-    assert_eq!(choice, Choice { technique: Technique::default(), reason: None });
+    assert_eq!((choice.technique, choice.reason), (Technique::default(), None));
+    // Where each block of pixels is to reach a noise, that decides.
+    let noise = settings.with(|s| s.image.noise = Some(0.01));
+    assert_eq!(Choice::new(gpu(), &scene, &camera, &noise, Some(5.0)).sampling, Sampling::Uniform);
 }

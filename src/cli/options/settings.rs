@@ -44,9 +44,10 @@ pub struct RenderOptions {
     )]
     pub spp: Option<u32>,
 
-    /// Which pixels get how many of the samples; --noise has a rule of its own
-    #[arg(long, value_name = "SAMPLING", default_value_t, value_parser = samplings())]
-    sampling: Sampling,
+    /// Which pixels get how many of the samples; --noise has a rule of its own [default: adaptive with --time on a
+    /// software device, without --technique and --checkpoint; else uniform]
+    #[arg(long, value_name = "SAMPLING", value_parser = samplings())]
+    sampling: Option<Sampling>,
 
     /// Channels besides the image, for .exr: names separated by commas, or all [default: none]
     #[arg(long, value_name = "LIST", long_help = AovList::help())]
@@ -89,7 +90,7 @@ impl RenderOptions {
         let mut settings = self.settings.settings_of_aspect(aspect);
         settings.technique = self.technique.0.unwrap_or_default();
         settings.image.spp = self.spp.unwrap_or(settings.image.spp);
-        settings.image.sampling = self.sampling;
+        settings.image.sampling = self.sampling.unwrap_or_default();
         settings.image.aovs = self.aov.clone().unwrap_or_default().0;
         settings.image.crop = part.crop;
         settings.image.piece = part.samples;
@@ -105,6 +106,11 @@ impl RenderOptions {
     /// The user names no technique.
     pub fn is_automatic(&self) -> bool {
         self.technique.0.is_none()
+    }
+
+    /// The user does not say which pixels get how many samples.
+    pub fn leaves_sampling(&self) -> bool {
+        self.sampling.is_none()
     }
 
     /// The user states the size of the image.
