@@ -109,12 +109,18 @@ impl Renderer<'_> {
         Ok(colours.par_iter().enumerate().map(pixel).collect())
     }
 
+    /// Whether it is to be decided which pixels get more samples, where they share them out.
+    pub(super) fn is_to_share(&self) -> bool {
+        let is_due = |blocks: &Blocks| blocks.is_complete() && self.samples > 1;
+        self.settings.image.shares_samples() && self.blocks.as_ref().is_some_and(is_due)
+    }
+
     /// Decides which pixels get more samples when the mean is twice as large as now, unless that is decided already.
     pub(super) fn share_samples(&mut self) -> Result<()> {
-        let is_due = |blocks: &Blocks| blocks.is_complete() && self.samples > 1;
-        if !self.settings.image.shares_samples() || !self.blocks.as_ref().is_some_and(is_due) {
+        if !self.is_to_share() {
             return Ok(());
         }
+        let start = Instant::now();
         let errors = match self.errors.take().filter(|errors| errors.samples == self.samples) {
             Some(errors) => errors.of_pixels,
             None => self.raw_errors()?,
@@ -123,6 +129,7 @@ impl Renderer<'_> {
         if let Some(blocks) = &mut self.blocks {
             blocks.share_out(&errors, mean);
         }
+        self.seconds_to_share = Some(start.elapsed().as_secs_f64());
         Ok(())
     }
 

@@ -57,11 +57,13 @@ impl Renderer<'_> {
     /// `spp` samples per pixel.
     pub(super) fn add_samples(&mut self, limit: u32, spp: u32) -> Result<Progress> {
         self.begin_trial(spp)?;
-        let begun = Instant::now();
         if self.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());
         }
+        let start = Instant::now();
         self.share_samples()?;
+        self.totals.time_render += start.elapsed().as_secs_f64();
+        let begun = Instant::now();
         let batch = self.blocks_of_batch();
         let first_sample = self.first_sample(batch.as_ref());
         let layers = self.layers_of_batch(limit, first_sample, batch.as_ref());

@@ -93,7 +93,8 @@ impl Renderer<'_> {
         (self.buffers, self.tiles, self.tile_size) = (buffers, tiles, tile_size);
         (self.camera, self.settings, self.totals) = (camera.clone(), settings, totals);
         (self.stage, self.samples, self.batches, self.shade_at_once) = (stage, 0, 0, false);
-        (self.growth, self.errors, self.seconds_per_sample) = (None, None, None);
+        (self.growth, self.errors) = (None, None);
+        (self.seconds_per_sample, self.seconds_to_share) = (None, None);
         self.has_other_views = true;
         Ok(())
     }

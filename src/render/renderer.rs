@@ -84,6 +84,8 @@ pub struct Renderer<'g> {
     pub(super) totals: Totals,
     /// One sample of every pixel, by the last batch; none before the first.
     pub(super) seconds_per_sample: Option<f64>,
+    /// Seconds that the last decision took on which pixels get more samples, where they share them out.
+    pub(super) seconds_to_share: Option<f64>,
     /// [`Gpu::pass_times`] before the render: those of earlier renders on this device.
     pub(super) earlier_pass_times: BTreeMap<String, f64>,
     /// The sums of a piece; none of other renders, whose film has the sums.
@@ -217,6 +219,7 @@ impl<'g> Renderer<'g> {
             batches: 0,
             totals,
             seconds_per_sample: None,
+            seconds_to_share: None,
             earlier_pass_times,
             keeping: None,
         })

@@ -20,6 +20,32 @@ const DOMINANT_SHARE: f64 = 0.75;
 /// (docs/decisions.md, "Photons where the time allows").
 const MARGIN_FOR_KERNELS: u32 = 2;
 
+/// A sample of pixels that share samples out takes so many times as long as one of all pixels, before any was measured:
+/// pixels in penumbrae trace more rays than others (1.1 to 2.7 times in seven scenes; docs/decisions.md, "Samples
+/// shared out"). To decide on the first of them takes about as long as a sample of all pixels.
+const SHARED_SAMPLE: f64 = 2.0;
+
+/// What samples are expected to take.
+#[derive(Clone, Copy)]
+struct Expected {
+    /// Seconds before the next one: to decide which pixels get it.
+    before: f64,
+    /// Seconds of each, of all pixels.
+    sample: f64,
+}
+
+impl Expected {
+    /// Seconds of that many samples.
+    fn of(self, samples: u32) -> f64 {
+        self.before + self.sample * f64::from(samples)
+    }
+
+    /// How many samples fit so many seconds.
+    fn fitting(self, seconds: f64) -> u32 {
+        ((seconds - self.before) / self.sample) as u32
+    }
+}
+
 impl Renderer<'_> {
     /// As [`Renderer::render_batch`], with what is expected to end within `seconds` by the time that earlier batches
     /// took: fewer samples, and better indirect light only where it leaves time for samples that gain from it; so the
@@ -29,13 +55,13 @@ impl Renderer<'_> {
     /// As [`Renderer::render_batch`].
     pub fn render_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
         let start = Instant::now();
-        let sample = self.seconds_of_sample();
-        if sample.is_some_and(|sample| sample > seconds) {
+        let expected = self.expected();
+        if expected.is_some_and(|expected| expected.of(1) > seconds) {
             return Ok(None);
         }
         self.refine_within(seconds)?;
         let left = seconds - start.elapsed().as_secs_f64();
-        let limit = sample.map_or(1, |sample| (left / sample) as u32);
+        let limit = expected.map_or(1, |expected| expected.fitting(left));
         if limit == 0 {
             // Better indirect light took longer than expected.
             return Ok(None);
@@ -51,13 +77,23 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`Renderer::render_batch`].
     pub fn render_batch_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
-        if let Some(sample) = self.seconds_of_sample() {
+        if let Some(expected) = self.expected() {
             let refinement = if self.may_refine() { self.seconds_to(self.next_stage()) } else { 0.0 };
-            if refinement + sample * f64::from(self.next_layers()) > seconds {
+            if refinement + expected.of(self.next_layers()) > seconds {
                 return Ok(None);
             }
         }
         self.render_batch().map(Some)
+    }
+
+    /// What the next samples are expected to take; none before the first batch.
+    fn expected(&self) -> Option<Expected> {
+        let sample = self.seconds_of_sample()?;
+        Some(match self.seconds_to_share {
+            _ if !self.is_to_share() => Expected { before: 0.0, sample },
+            Some(before) => Expected { before, sample },
+            None => Expected { before: sample, sample: SHARED_SAMPLE * sample },
+        })
     }
 
     /// Adds indirect light that leaves enough of `seconds`.

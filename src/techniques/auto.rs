@@ -55,6 +55,11 @@ const MEASURED_CORES: f64 = 2.0;
 /// just fits, `path` has up to four times its error; and what is expected is more often too long than too short.
 const MIN_SHARE: f64 = 0.95;
 
+/// Pixels share samples out where there is so many times the expected time of the first sample. In less time hardly
+/// more than four samples fit, and the estimates that tell who gets them, each of which takes half as long as a sample,
+/// cost as much as they gain.
+const MIN_TIMES_TO_SHARE: f64 = 2.25;
+
 impl Choice {
     /// The technique for an image that is to be there `within` so many seconds, if it is to be at a time.
     ///
@@ -64,18 +69,15 @@ impl Choice {
     /// Pixels share its samples out, which at equal time takes up to half of the error away (docs/decisions.md,
     /// "Samples shared out"). Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
     pub fn new(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings, within: Option<f64>) -> Choice {
-        let usual = Choice { technique: Technique::default(), reason: None, sampling: settings.image.sampling };
+        let sampling = settings.image.sampling;
+        let usual = Choice { technique: Technique::default(), reason: None, sampling };
         let Some(within) = within.filter(|_| gpu.is_software()) else { return usual };
-        let is_decided = settings.image.noise.is_some() || settings.image.piece.is_some();
-        let sampling = if is_decided { settings.image.sampling } else { Sampling::Adaptive };
-        let usual = Choice { sampling, ..usual };
-        if !is_free(settings) {
-            return usual;
-        }
-        let cores = std::thread::available_parallelism().map_or(1.0, |cores| usize::from(cores) as f64);
+        let cores = std::thread::available_parallelism().map_or(1, usize::from) as f64;
         let expected = first_sample(scene, camera, settings, cores);
-        if within >= MIN_SHARE * expected {
-            return usual;
+        if within >= MIN_SHARE * expected || !is_free(settings) {
+            let is_decided = settings.image.noise.is_some() || settings.image.piece.is_some();
+            let shares = !is_decided && within >= MIN_TIMES_TO_SHARE * expected;
+            return Choice { sampling: if shares { Sampling::Adaptive } else { sampling }, ..usual };
         }
         let reason = format!("photons and records would take about {expected:.1} s before the first image");
         Choice { technique: Technique::PATH, reason: Some(reason), sampling }

@@ -124,7 +124,8 @@ fn the_technique_fits_the_time() {
         let technique = |settings: &Settings, within: Option<f64>| {
             let Choice { technique, reason, sampling } = Choice::new(gpu(), &scene, &camera, settings, within);
             assert_eq!(reason.is_some(), technique != Technique::default(), "{name}");
-            let shares = is_software && within.is_some();
+            let shares =
+                is_software && within.is_some_and(|seconds| seconds > 4.0) && technique == Technique::default();
             assert_eq!(sampling, if shares { Sampling::Adaptive } else { Sampling::Uniform }, "{name}, {within:?}");
             technique
         };

@@ -45,7 +45,7 @@ pub struct RenderOptions {
     pub spp: Option<u32>,
 
     /// Which pixels get how many of the samples; --noise has a rule of its own [default: adaptive with --time on a
-    /// software device, without --technique and --checkpoint; else uniform]
+    /// software device, without --technique and --checkpoint, if some samples fit; else uniform]
     #[arg(long, value_name = "SAMPLING", value_parser = samplings())]
     sampling: Option<Sampling>,
 
