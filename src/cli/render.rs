@@ -462,7 +462,7 @@ impl Session<'_> {
         let error = match estimate::denoised_relmse(image) {
             Some(error) => format!("estimated relMSE {error:.2e}"),
             None if statistics.samples == 1 => "of unknown error: a single sample tells none".to_owned(),
-            None => "of unknown error: --time leaves none to estimate it".to_owned(),
+            None => "of unknown error: --time was too short to estimate it".to_owned(),
         };
         let (choice, seconds) = (self.denoiser.choice(), statistics.time.denoise);
         say(format_args!("denoised by {choice} ({}) in {seconds:.2} s, {error}", names.join(", ")));

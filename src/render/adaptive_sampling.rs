@@ -34,8 +34,7 @@ impl Renderer<'_> {
         let Some(noise) = self.settings.image.noise else {
             return Ok(self.samples < self.settings.image.range().count());
         };
-        let is_due = |blocks: &Blocks| blocks.is_complete() && self.samples > 1;
-        if self.blocks.as_ref().is_some_and(is_due) {
+        if self.is_decision_due() {
             let start = Instant::now();
             let errors = self.squared_errors(denoiser)?;
             self.totals.time_render += start.elapsed().as_secs_f64();
@@ -109,10 +108,14 @@ impl Renderer<'_> {
         Ok(colours.par_iter().enumerate().map(pixel).collect())
     }
 
+    /// Whether the pixels have the samples that were decided on, and enough of them to estimate their noise.
+    fn is_decision_due(&self) -> bool {
+        self.samples > 1 && self.blocks.as_ref().is_some_and(Blocks::is_complete)
+    }
+
     /// Whether it is to be decided which pixels get more samples, where they share them out.
     pub(super) fn is_to_share(&self) -> bool {
-        let is_due = |blocks: &Blocks| blocks.is_complete() && self.samples > 1;
-        self.settings.image.shares_samples() && self.blocks.as_ref().is_some_and(is_due)
+        self.settings.image.shares_samples() && self.is_decision_due()
     }
 
     /// Decides which pixels get more samples when the mean is twice as large as now, unless that is decided already.
@@ -129,7 +132,9 @@ impl Renderer<'_> {
         if let Some(blocks) = &mut self.blocks {
             blocks.share_out(&errors, mean);
         }
-        self.seconds_to_share = Some(start.elapsed().as_secs_f64());
+        let seconds = start.elapsed().as_secs_f64();
+        self.totals.time_render += seconds;
+        self.seconds_to_share = Some(seconds);
         Ok(())
     }
 

@@ -60,9 +60,7 @@ impl Renderer<'_> {
         if self.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());
         }
-        let start = Instant::now();
         self.share_samples()?;
-        self.totals.time_render += start.elapsed().as_secs_f64();
         let begun = Instant::now();
         let batch = self.blocks_of_batch();
         let first_sample = self.first_sample(batch.as_ref());

@@ -69,18 +69,19 @@ impl Choice {
     /// Pixels share its samples out, which at equal time takes up to half of the error away (docs/decisions.md,
     /// "Samples shared out"). Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
     pub fn new(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings, within: Option<f64>) -> Choice {
-        let sampling = settings.image.sampling;
-        let usual = Choice { technique: Technique::default(), reason: None, sampling };
+        let usual = Choice { technique: Technique::default(), reason: None, sampling: settings.image.sampling };
         let Some(within) = within.filter(|_| gpu.is_software()) else { return usual };
         let cores = std::thread::available_parallelism().map_or(1, usize::from) as f64;
         let expected = first_sample(scene, camera, settings, cores);
-        if within >= MIN_SHARE * expected || !is_free(settings) {
-            let is_decided = settings.image.noise.is_some() || settings.image.piece.is_some();
-            let shares = !is_decided && within >= MIN_TIMES_TO_SHARE * expected;
-            return Choice { sampling: if shares { Sampling::Adaptive } else { sampling }, ..usual };
+        if within < MIN_SHARE * expected && is_free(settings) {
+            let reason = format!("photons and records would take about {expected:.1} s before the first image");
+            return Choice { technique: Technique::PATH, reason: Some(reason), ..usual };
         }
-        let reason = format!("photons and records would take about {expected:.1} s before the first image");
-        Choice { technique: Technique::PATH, reason: Some(reason), sampling }
+        let is_decided = settings.image.noise.is_some() || settings.image.piece.is_some();
+        if is_decided || within < MIN_TIMES_TO_SHARE * expected {
+            return usual;
+        }
+        Choice { sampling: Sampling::Adaptive, ..usual }
     }
 
     /// As [`Choice::new`], for seconds that begin once the scene is imported and end before the image is written.
