@@ -1,6 +1,6 @@
 //! The camera as the kernels read it.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use crate::scene::{Camera, Projection};
 
@@ -53,6 +53,15 @@ impl CameraUniform {
             iris_blades: camera.lens.map_or(1.0, |lens| (lens.blades as f32).max(1.0)),
             padding: [0; 2],
         }
+    }
+
+    /// The ray through a point of the image's unit square, its origin at the top left: where it starts, and its
+    /// direction, whose component along the direction of view is 1. It passes through the centre of the lens.
+    pub fn ray(&self, [x, y]: [f64; 2]) -> (DVec3, DVec3) {
+        let vector = |v: [f32; 3]| Vec3::from(v).as_dvec3();
+        let across = (2.0 * x - 1.0) * vector(self.right) + (1.0 - 2.0 * y) * vector(self.up);
+        let (position, ahead) = (vector(self.position), -vector(self.backward));
+        if self.orthographic == 1 { (position + across, ahead) } else { (position, ahead + across) }
     }
 
     /// The camera's own ratio of width to height, 1 if it has none.

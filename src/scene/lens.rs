@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::camera::{Camera, Lens, Projection};
 use super::description::Scene;
+use super::nearest::SurfaceSearch;
 
 /// Height of a camera's film in metres: that of 35 mm film, to which f-numbers and focal lengths of cameras without a
 /// stated film refer.
@@ -58,7 +59,8 @@ impl Scene {
             Focus::Distance(metres) => (metres * scale) as f32,
             Focus::Auto => {
                 let [position, ahead] = [camera.position, -camera.axes[2]].map(Vec3::as_dvec3);
-                let nearest = self.nearest(position, ahead, &(f64::from(camera.near)..=f64::from(camera.far)));
+                let range = f64::from(camera.near)..=f64::from(camera.far);
+                let nearest = SurfaceSearch::new(self).nearest(position, ahead, &range);
                 nearest.ok_or("nothing is in the centre of the image to focus on")?.depth as f32
             }
         };

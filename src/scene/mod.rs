@@ -62,7 +62,7 @@ pub(crate) use material::lobes::sheen;
 pub use material::lobes::*;
 pub use material::{AlphaMode, Material, Medium};
 pub(crate) use material::{TEXTURE_USES, constants as material_constants};
-pub use nearest::Nearest;
+pub use nearest::{Nearest, SurfaceSearch};
 pub use normalisation::Normalisation;
 pub use panorama::Panorama;
 pub use texture::{ColourSpace, Filter, Texture, TextureImage, TextureInfo, Wrap};

@@ -2,6 +2,7 @@
 
 use kernel_kit::Gpu;
 
+use super::view_sketch::ViewSketch;
 use crate::scene::{Camera, Light, Scene};
 use crate::settings::{
     Aov, IrradianceCacheSettings, Sampling, Settings, ShadowRaySettings, Technique, VisibilityMapSettings,
@@ -51,14 +52,21 @@ mod seconds {
 /// Cores for which these were measured.
 const MEASURED_CORES: f64 = 2.0;
 
-/// Share of the expected time of the first sample from which on the default technique is tried. Where its first sample
-/// just fits, `path` has up to four times its error; and what is expected is more often too long than too short.
-const MIN_SHARE: f64 = 0.95;
+/// The default technique is tried where there is so many times the expected time of its first sample. Where that just
+/// fits, `path` has up to four times its error; and what is expected is more often too long than too short.
+const MIN_TIMES: f64 = 0.95;
 
 /// Pixels share samples out where there is so many times the expected time of the first sample. In less time hardly
 /// more than four samples fit, and the estimates that tell who gets them, each of which takes half as long as a sample,
 /// cost as much as they gain.
 const MIN_TIMES_TO_SHARE: f64 = 2.25;
+
+/// For a model by itself `path` has less error, or about the same, up to about so many times the expected time of the
+/// first sample of the default technique (docs/decisions.md, "Models by themselves").
+const MAX_TIMES_OF_PATHS: f64 = 4.0;
+
+/// As [`MIN_TIMES_TO_SHARE`], for `path` and a model by itself. The first sample of `path` takes about half as long.
+const MIN_TIMES_TO_SHARE_PATHS: f64 = 1.5;
 
 impl Choice {
     /// The technique for an image that is to be there `within` so many seconds, if it is to be at a time.
@@ -66,22 +74,30 @@ impl Choice {
     /// That is the default technique: of many samples it has made the smallest error in all scenes that were measured.
     /// Only its first sample comes later than that of paths, which need neither photons nor records.
     ///
-    /// Pixels share its samples out, which at equal time takes up to half of the error away (docs/decisions.md,
+    /// For a model before an empty background `path` is taken for longer, as its samples cost little there.
+    ///
+    /// Pixels share samples out, which at equal time takes up to half of the error away (docs/decisions.md,
     /// "Samples shared out"). Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
     pub fn new(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings, within: Option<f64>) -> Choice {
         let usual = Choice { technique: Technique::default(), reason: None, sampling: settings.image.sampling };
         let Some(within) = within.filter(|_| gpu.is_software()) else { return usual };
         let cores = std::thread::available_parallelism().map_or(1, usize::from) as f64;
         let expected = first_sample(scene, camera, settings, cores);
-        if within < MIN_SHARE * expected && is_free(settings) {
-            let reason = format!("photons and records would take about {expected:.1} s before the first image");
-            return Choice { technique: Technique::PATH, reason: Some(reason), ..usual };
-        }
+        let times = within / expected;
+        let paths = |reason: String| Choice { technique: Technique::PATH, reason: Some(reason), ..usual.clone() };
+        let is_free = is_free(settings);
         let is_decided = settings.image.noise.is_some() || settings.image.piece.is_some();
-        if is_decided || within < MIN_TIMES_TO_SHARE * expected {
-            return usual;
+        let share_from =
+            |min_times: f64| if is_decided || times < min_times { usual.sampling } else { Sampling::Adaptive };
+        if is_free && times < MIN_TIMES {
+            return paths(format!("photons and records would take about {expected:.1} s before the first image"));
         }
-        Choice { sampling: Sampling::Adaptive, ..usual }
+        let size = [settings.image.width, settings.image.height];
+        if is_free && times < MAX_TIMES_OF_PATHS && ViewSketch::new(scene, camera, size).is_of_few_paths() {
+            let reason = "most of the image is empty, and few paths would meet a second surface".into();
+            return Choice { sampling: share_from(MIN_TIMES_TO_SHARE_PATHS), ..paths(reason) };
+        }
+        Choice { sampling: share_from(MIN_TIMES_TO_SHARE), ..usual }
     }
 
     /// As [`Choice::new`], for seconds that begin once the scene is imported and end before the image is written.

@@ -9,6 +9,7 @@ mod path;
 mod photon_map;
 mod shadow_photons;
 mod two_pass;
+mod view_sketch;
 mod visibility_cells;
 mod visibility_estimate;
 mod voxel_tags;

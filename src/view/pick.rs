@@ -1,9 +1,9 @@
 //! What is at a pixel: the surface that the ray through its centre meets first.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use crate::gpu_scene::CameraUniform;
-use crate::scene::{Camera, Nearest, Scene};
+use crate::scene::{Camera, Nearest, Scene, SurfaceSearch};
 
 /// A surface at a pixel.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,15 +21,11 @@ pub struct Hit {
 /// The nearest surface at a point of the image, from 0 to 1 each way from the top left. Pixels of textures that let
 /// rays pass do so here, too, only if the whole material does; objects that are functions are met at their boxes.
 pub fn pick(scene: &Scene, camera: &Camera, [width, height]: [u32; 2], [x, y]: [f32; 2]) -> Option<Hit> {
-    let uniform = CameraUniform::new(camera, width, height);
-    let vector = |v: [f32; 3]| Vec3::from(v).as_dvec3();
-    let across = f64::from(2.0 * x - 1.0) * vector(uniform.right) + f64::from(1.0 - 2.0 * y) * vector(uniform.up);
-    let (position, ahead) = (vector(uniform.position), -vector(uniform.backward));
-    let (origin, way) = if uniform.orthographic == 1 { (position + across, ahead) } else { (position, ahead + across) };
-    // The way has a length of 1 along the direction of view, so that its multiples are depths.
+    let (origin, way) = CameraUniform::new(camera, width, height).ray([x, y].map(f64::from));
+    // Multiples of the direction are depths.
     let range = f64::from(camera.near)..=f64::from(camera.far);
     let scale = scene.normalisation.scale();
-    let Nearest { depth, material, normal } = scene.nearest(origin, way, &range)?;
+    let Nearest { depth, material, normal } = SurfaceSearch::new(scene).nearest(origin, way, &range)?;
     Some(Hit {
         material: scene.materials[material as usize].name.clone(),
         position: scene.normalisation.undo_f64(origin + depth * way),

@@ -3,7 +3,7 @@
 use penumbra::internal::scene::ImportOptions;
 use penumbra::internal::techniques::auto::Choice;
 use penumbra::settings::{Denoise, Sampling};
-use penumbra::{Aov, Denoiser, Renderer, Scene, Settings, Technique};
+use penumbra::{Aov, Camera, Denoiser, Renderer, Scene, Settings, Technique};
 
 use crate::setup::{assert_same, gpu, scene_file};
 
@@ -151,6 +151,36 @@ fn the_technique_fits_the_time() {
             assert_eq!(technique(&asked, Some(0.0)), Technique::default(), "{name}");
         }
     }
+}
+
+/// A model before an empty background is rendered by paths until there are four times the first sample of the default
+/// technique, and its pixels share samples out sooner.
+#[test]
+fn paths_render_models_by_themselves_for_longer() {
+    let scene = load("box.glb");
+    let room = scene.cameras[0].clone();
+    let mut far = room.clone();
+    far.position += 10.0 * far.axes[2];
+    let plain = settings(4).with(|s| s.technique = Technique::default());
+    let choice = |camera: &Camera, settings: &Settings, within: f64| {
+        let Choice { technique, reason, sampling } = Choice::new(gpu(), &scene, camera, settings, Some(within));
+        (technique, reason.is_some_and(|reason| reason.contains("empty")), sampling)
+    };
+    // A first sample of so small an image is expected after 0.36 s.
+    let (short, long) = (0.45, 1.2);
+    let usual = (Technique::default(), false);
+    let shared = (Technique::PATH, true, Sampling::Adaptive);
+    if !gpu().is_software() {
+        assert_eq!(choice(&far, &plain, long), (usual.0, usual.1, Sampling::Uniform));
+        return;
+    }
+    assert_eq!(choice(&far, &plain, short), (Technique::PATH, true, Sampling::Uniform));
+    assert_eq!(choice(&far, &plain, long), shared);
+    assert_eq!(choice(&far, &plain, 5.0), (usual.0, usual.1, Sampling::Adaptive));
+    assert_eq!(choice(&room, &plain, long), (usual.0, usual.1, Sampling::Adaptive));
+    // Photons that are asked for are made.
+    let photons = plain.with(|s| s.visibility_map.photons_per_light = Some(4096));
+    assert_eq!(choice(&far, &photons, long), (usual.0, usual.1, Sampling::Adaptive));
 }
 
 /// Of many lights each point samples a few, so a hundred thousand leave time for photons.
