@@ -42,6 +42,7 @@ mod kernels;
 mod light_transport;
 mod passes;
 mod procedural;
+mod random;
 mod render;
 #[cfg(feature = "report")]
 mod report;

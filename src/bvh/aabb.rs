@@ -15,9 +15,9 @@ impl Aabb {
     /// The empty box, which is the neutral element of [`union`](Self::union).
     pub const EMPTY: Aabb = Aabb { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
-    /// The box of a triangle.
-    pub fn of(triangle: &[Vec3; 3]) -> Aabb {
-        triangle.iter().fold(Aabb::EMPTY, |all, corner| all.extended(*corner))
+    /// The box around points.
+    pub fn of(points: impl IntoIterator<Item = Vec3>) -> Aabb {
+        points.into_iter().fold(Aabb::EMPTY, |all, point| all.extended(point))
     }
 
     /// The smallest box that contains the box and the point.

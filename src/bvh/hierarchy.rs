@@ -153,7 +153,7 @@ impl Tree {
         max_depth: u32,
     ) -> Result<Tree> {
         let first = triangles.start;
-        Tree::of_boxes(triangles.len(), |at| Aabb::of(&positions(first + at)), MAX_LEAF, max_depth)
+        Tree::of_boxes(triangles.len(), |at| Aabb::of(positions(first + at)), MAX_LEAF, max_depth)
     }
 
     /// As [`of_triangles`](Self::of_triangles), over `count` boxes, of which a leaf holds at most `max_leaf`.

@@ -149,7 +149,7 @@ fn hierarchies_hold_their_triangles() {
 }
 
 fn centred(triangle: Triangle) -> Triangle {
-    let bounds = Aabb::of(&triangle);
+    let bounds = Aabb::of(triangle);
     triangle.map(|corner| corner - 0.5 * (bounds.min + bounds.max))
 }
 
@@ -194,7 +194,7 @@ fn nodes_for_packets_are_the_same() {
 fn depth_is_bounded() {
     let triangles: Vec<Triangle> = (0..1000).map(|i| UNIT.map(|p| p * 0.9f32.powi(i))).collect();
     let build = |max_depth: u32| {
-        let item = |(at, corners)| binary::Item { bounds: Aabb::of(corners), triangle: at as u32 };
+        let item = |(at, corners): (usize, &Triangle)| binary::Item { bounds: Aabb::of(*corners), triangle: at as u32 };
         let mut items: Vec<_> = triangles.iter().enumerate().map(item).collect();
         let nodes = binary::build(&mut items, max_depth);
         let mut levels = vec![0; nodes.len()];
@@ -226,7 +226,7 @@ fn hierarchies_do_not_depend_on_threads() {
 /// Packing and unpacking preserves a node.
 #[test]
 fn nodes_are_packed_without_loss() {
-    let mut node = Node::around(&soup(4, 0.3).iter().map(Aabb::of).collect::<Vec<_>>());
+    let mut node = Node::around(&soup(4, 0.3).into_iter().map(Aabb::of).collect::<Vec<_>>());
     node.node_count = 1;
     node.leaf_counts = [0, 4, 1, 3];
     node.first_node = (1 << 28) - 1;

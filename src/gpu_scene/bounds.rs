@@ -7,7 +7,7 @@ use crate::bvh::Aabb;
 
 /// A sphere around the points, centred in their box; of radius 0 where there is no point.
 pub(super) fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Vec3, f32) {
-    let bounds = points.clone().fold(Aabb::EMPTY, |all, p| all.extended(p));
+    let bounds = Aabb::of(points.clone());
     sphere_in(bounds, |centre| points.map(|p| distance(p, centre)).fold(0.0, f64::max))
 }
 

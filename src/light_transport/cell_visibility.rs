@@ -15,6 +15,7 @@ use crate::kernels::GridShape;
 use crate::passes::Tile;
 use crate::passes::cells::{BATCH_RAYS, BoundCells, CellGrid, CellPoint, CellTable, Cells};
 use crate::passes::classify::Chunk;
+use crate::random::Random;
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
@@ -159,19 +160,6 @@ fn clipped(polygon: &[DVec3], axis: usize, plane: f64, sign: f64) -> Vec<DVec3> 
         }
     }
     part
-}
-
-/// Uniform numbers: SplitMix64 (Steele et al. 2014).
-struct Random(u64);
-
-impl Random {
-    /// In [0, 1).
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
 }
 
 #[cfg(test)]

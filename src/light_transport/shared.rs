@@ -47,7 +47,7 @@ pub(crate) fn extent(scene: &Scene) -> ((Vec3, Vec3), f32) {
     const ADDED: usize = 1 << 16;
     let with = |(bounds, area): (Aabb, f64), [a, b, c]: [Vec3; 3]| {
         let triangle_area = f64::from((b - a).cross(c - a).length()) * 0.5;
-        (bounds.union(&Aabb::of(&[a, b, c])), area + triangle_area)
+        (bounds.union(&Aabb::of([a, b, c])), area + triangle_area)
     };
     let flat = scene.flat_triangles();
     let part = |number: usize| {

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::description::Scene;
 use super::instance::Instance;
+use crate::bvh::Aabb;
 use crate::procedural::box_corners;
 
 /// A surface that a ray meets.
@@ -29,17 +30,14 @@ pub struct SurfaceSearch<'a> {
     /// Runs of each shared mesh, in its own space.
     shared: Vec<Vec<Run>>,
     /// The box around each instance.
-    instances: Vec<Box3>,
+    instances: Vec<Aabb>,
 }
 
 /// Consecutive triangles, which are mostly neighbours in a mesh, and the box around them.
 struct Run {
     triangles: Range<usize>,
-    bounds: Box3,
+    bounds: Aabb,
 }
-
-/// Lower and upper corner of a box along the axes.
-type Box3 = [Vec3; 2];
 
 /// Triangles of a run: about as many as make a test of its box cheap beside theirs, while the box stays small.
 const RUN_LENGTH: usize = 32;
@@ -48,7 +46,8 @@ impl<'a> SurfaceSearch<'a> {
     /// Of all surfaces of `scene`.
     pub fn new(scene: &'a Scene) -> Self {
         let shared: Vec<_> = scene.shared_meshes.iter().map(|mesh| runs(scene, mesh.triangles.clone())).collect();
-        let meshes: Vec<_> = shared.iter().map(|runs| around(runs.iter().flat_map(|run| run.bounds))).collect();
+        let meshes: Vec<_> =
+            shared.iter().map(|runs| runs.iter().fold(Aabb::EMPTY, |all, run| all.union(&run.bounds))).collect();
         let instances = scene.instances.iter().map(|instance| placed(meshes[instance.mesh], instance)).collect();
         SurfaceSearch { scene, flat: runs(scene, 0..scene.flat_triangles()), shared, instances }
     }
@@ -57,7 +56,7 @@ impl<'a> SurfaceSearch<'a> {
     /// pass, and objects that are functions are met at their boxes.
     pub fn nearest(&self, origin: DVec3, way: DVec3, range: &RangeInclusive<f64>) -> Option<Nearest> {
         let scene = self.scene;
-        let depths = |bounds: Box3| {
+        let depths = |bounds: Aabb| {
             box_depths(bounds, origin, way).filter(|[enter, leave]| enter <= range.end() && leave >= range.start())
         };
         let met = |index: usize, place: &dyn Fn(Vec3) -> Vec3| {
@@ -76,7 +75,7 @@ impl<'a> SurfaceSearch<'a> {
             runs.flat_map(|run| run.triangles.clone()).filter_map(move |index| met(index, &|p| instance.apply(p)))
         });
         let objects = scene.procedurals.iter().filter_map(|object| {
-            let [enter, _] = depths(around(object.corners()))?;
+            let [enter, _] = depths(Aabb::of(object.corners()))?;
             range.contains(&enter).then_some(Nearest { depth: enter, material: object.material, normal: None })
         });
         flat.chain(of_instances).chain(objects).min_by(|a, b| a.depth.total_cmp(&b.depth))
@@ -87,26 +86,24 @@ impl<'a> SurfaceSearch<'a> {
 fn runs(scene: &Scene, triangles: Range<usize>) -> Vec<Run> {
     let run = |start: usize| {
         let triangles = start..(start + RUN_LENGTH).min(triangles.end);
-        Run { bounds: around(triangles.clone().flat_map(|index| scene.triangle_positions(index))), triangles }
+        Run { bounds: Aabb::of(triangles.clone().flat_map(|index| scene.triangle_positions(index))), triangles }
     };
     triangles.clone().into_par_iter().step_by(RUN_LENGTH).map(run).collect()
 }
 
-/// The box around points.
-fn around(points: impl IntoIterator<Item = Vec3>) -> Box3 {
-    let grown = |[lower, upper]: Box3, point: Vec3| [lower.min(point), upper.max(point)];
-    points.into_iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], grown)
-}
-
 /// The box around an instance of what `bounds` is around.
-fn placed(bounds: Box3, instance: &Instance) -> Box3 {
-    around(box_corners(bounds.map(|end| end.as_dvec3())).map(|corner| instance.apply(corner.as_vec3())))
+fn placed(bounds: Aabb, instance: &Instance) -> Aabb {
+    let corners = box_corners([bounds.min, bounds.max].map(|end| end.as_dvec3()));
+    Aabb::of(corners.map(|corner| instance.apply(corner.as_vec3())))
 }
 
 /// The multiples of `way` at which a ray enters and leaves a box.
-fn box_depths([lower, upper]: Box3, origin: DVec3, way: DVec3) -> Option<[f64; 2]> {
-    let (a, b) = ((lower.as_dvec3() - origin) / way, (upper.as_dvec3() - origin) / way);
-    let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
+fn box_depths(bounds: Aabb, origin: DVec3, way: DVec3) -> Option<[f64; 2]> {
+    let [a, b] = [bounds.min, bounds.max].map(|end| (end.as_dvec3() - origin) / way);
+    // Along an axis 0 / 0: the ray lies in a side of the box, which bounds it nowhere.
+    let is_free = a.is_nan_mask() | b.is_nan_mask();
+    let enter = DVec3::select(is_free, DVec3::NEG_INFINITY, a.min(b)).max_element();
+    let leave = DVec3::select(is_free, DVec3::INFINITY, a.max(b)).min_element();
     (enter <= leave).then_some([enter, leave])
 }
 
@@ -125,22 +122,15 @@ mod tests {
     use glam::{Mat3, Vec4};
 
     use super::*;
+    use crate::random::Random;
     use crate::scene::{Material, NO_LIGHT, SharedMesh, Triangle, Vertex};
 
-    /// Numbers from -1 to 1 (Steele and Vigna's SplitMix64).
-    struct Numbers(u64);
+    fn number(random: &mut Random) -> f64 {
+        2.0 * random.uniform() - 1.0
+    }
 
-    impl Numbers {
-        fn next(&mut self) -> f64 {
-            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        }
-
-        fn point(&mut self) -> Vec3 {
-            DVec3::new(self.next(), self.next(), self.next()).as_vec3()
-        }
+    fn point(random: &mut Random) -> Vec3 {
+        DVec3::from_array([(); 3].map(|()| number(random))).as_vec3()
     }
 
     /// The nearest depth by the method of Moller and Trumbore, over all triangles.
@@ -160,13 +150,13 @@ mod tests {
     /// in the scene and in a mesh with two instances.
     #[test]
     fn a_search_by_runs_finds_what_all_triangles_have() {
-        let mut numbers = Numbers(7);
+        let mut random = Random(7);
         let (mut hits, mut misses) = (0, 0);
         for (flat, shared) in [(0, 0), (1, 0), (31, 1), (32, 31), (33, 32), (65, 33), (500, 100)] {
             let corners: Vec<Vec3> = (0..flat + shared)
                 .flat_map(|_| {
-                    let centre = numbers.point();
-                    [0; 3].map(|_| centre + 0.6 * numbers.point())
+                    let centre = point(&mut random);
+                    [0; 3].map(|_| centre + 0.6 * point(&mut random))
                 })
                 .collect();
             let vertex = |position: &Vec3| Vertex { position: *position, colour: Vec4::ONE, ..Vertex::default() };
@@ -196,7 +186,7 @@ mod tests {
             let mut faults = 0;
             for range in [0.0..=f64::MAX, 0.3..=0.6] {
                 for _ in 0..300 {
-                    let (origin, way) = (numbers.point().as_dvec3(), numbers.point().as_dvec3());
+                    let (origin, way) = (point(&mut random).as_dvec3(), point(&mut random).as_dvec3());
                     let expected = oracle(&all, origin, way, &range);
                     let depth =
                         |search: &SurfaceSearch<'_>| search.nearest(origin, way, &range).map(|found| found.depth);
@@ -213,5 +203,25 @@ mod tests {
             assert!(faults > 0 || flat <= RUN_LENGTH, "{flat} triangles, without the last two runs");
         }
         assert!(hits > 500 && misses > 500, "{hits} hits, {misses} misses");
+    }
+
+    /// Rays along an axis meet what has an edge or a face in their plane.
+    #[test]
+    fn rays_in_a_side_of_a_box_are_met() {
+        let corner = |x: f32, y: f32| Vec3::new(x, y, 0.0);
+        for shift in [-1.0, 0.0] {
+            let corners =
+                [corner(shift, -1.0), corner(shift + 1.0, -1.0), corner(shift + 1.0, 1.0), corner(shift, 1.0)];
+            let vertex = |position| Vertex { position, colour: Vec4::ONE, ..Vertex::default() };
+            let triangle = |vertices| Triangle { vertices, material: 0, light: NO_LIGHT };
+            let scene = Scene {
+                vertices: corners.map(vertex).to_vec().into(),
+                triangles: [[0, 1, 2], [0, 2, 3]].map(triangle).to_vec(),
+                materials: vec![Material::default()],
+                ..Scene::default()
+            };
+            let found = SurfaceSearch::new(&scene).nearest(DVec3::Z, DVec3::NEG_Z, &(0.0..=f64::MAX));
+            assert_eq!(found.map(|nearest| nearest.depth), Some(1.0), "from x = {shift}");
+        }
     }
 }
