@@ -2,7 +2,7 @@
 
 use kernel_kit::Gpu;
 
-use super::view_sketch::ViewSketch;
+use super::view_sketch::shows_a_model_by_itself;
 use crate::scene::{Camera, Light, Scene};
 use crate::settings::{
     Aov, IrradianceCacheSettings, Sampling, Settings, ShadowRaySettings, Technique, VisibilityMapSettings,
@@ -84,20 +84,23 @@ impl Choice {
         let cores = std::thread::available_parallelism().map_or(1, usize::from) as f64;
         let expected = first_sample(scene, camera, settings, cores);
         let times = within / expected;
-        let paths = |reason: String| Choice { technique: Technique::PATH, reason: Some(reason), ..usual.clone() };
-        let is_free = is_free(settings);
-        let is_decided = settings.image.noise.is_some() || settings.image.piece.is_some();
-        let share_from =
-            |min_times: f64| if is_decided || times < min_times { usual.sampling } else { Sampling::Adaptive };
-        if is_free && times < MIN_TIMES {
-            return paths(format!("photons and records would take about {expected:.1} s before the first image"));
-        }
         let size = [settings.image.width, settings.image.height];
-        if is_free && times < MAX_TIMES_OF_PATHS && ViewSketch::new(scene, camera, size).is_of_few_paths() {
-            let reason = "most of the image is empty, and few paths would meet a second surface".into();
-            return Choice { sampling: share_from(MIN_TIMES_TO_SHARE_PATHS), ..paths(reason) };
-        }
-        Choice { sampling: share_from(MIN_TIMES_TO_SHARE), ..usual }
+        let reason = if !is_free(settings) {
+            None
+        } else if times < MIN_TIMES {
+            Some(format!("photons and records would take about {expected:.1} s before the first image"))
+        } else if times < MAX_TIMES_OF_PATHS && shows_a_model_by_itself(scene, camera, size) {
+            Some("most of the image is empty, and few paths would meet a second surface".into())
+        } else {
+            None
+        };
+        let (technique, min_times_to_share) = match reason {
+            Some(_) => (Technique::PATH, MIN_TIMES_TO_SHARE_PATHS),
+            None => (usual.technique, MIN_TIMES_TO_SHARE),
+        };
+        let is_decided = settings.image.noise.is_some() || settings.image.piece.is_some();
+        let is_shared = !is_decided && times >= min_times_to_share;
+        Choice { technique, reason, sampling: if is_shared { Sampling::Adaptive } else { usual.sampling } }
     }
 
     /// As [`Choice::new`], for seconds that begin once the scene is imported and end before the image is written.
