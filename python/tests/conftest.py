@@ -2,11 +2,16 @@
 
 import os
 import pathlib
+import signal
 
 import penumbra
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+# A shell that starts a job in the background has it ignore Ctrl-C, and Python then installs no handler: renders that a
+# test interrupts would never end.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

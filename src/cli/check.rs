@@ -107,9 +107,9 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     for outcome in &outcomes {
         print(&line(outcome))?;
     }
-    let bad = outcomes.iter().filter(|outcome| !outcome.is_good()).count();
-    say(format_args!("{bad} of {} cases are not as they should be: {}", outcomes.len(), arguments.html.display()));
-    Ok(if bad > 0 { Ending::AboveLimit } else { Ending::Done })
+    let good = outcomes.iter().filter(|outcome| outcome.is_good()).count();
+    say(format_args!("{good} of {} cases passed; see {}", outcomes.len(), arguments.html.display()));
+    Ok(if good < outcomes.len() { Ending::AboveLimit } else { Ending::Done })
 }
 
 impl Arguments {

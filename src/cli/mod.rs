@@ -77,7 +77,7 @@ Exit codes:
   2    wrong usage
   3    a file cannot be read, understood or written
   4    no Vulkan device, or the device was lost; view: no display
-  5    compare: the error is above the limit; check: a case is not as it should be
+  5    compare: the error is above the limit; check: a case did not pass
   130  stopped by Ctrl-C or SIGTERM, with the image so far written; or by Ctrl-C at once, before the first sample or
        by a second signal
   143  stopped by SIGTERM at once";
@@ -85,7 +85,7 @@ Exit codes:
 /// How a command ended without an error.
 enum Ending {
     Done,
-    /// `compare`: the error is above the limit; `check`: a case is not as it should be.
+    /// `compare`: the error is above the limit; `check`: a case did not pass.
     AboveLimit,
     /// Stopped by a signal, with the image so far written.
     Stopped,

@@ -74,6 +74,7 @@ fn baselines_are_made_and_compared() {
     let answer = check(&file, &on_device(&format!("--junit {}", xml.display())));
     assert_eq!(answer.code, Some(5), "{answer:?}");
     assert!(answer.stdout.contains("passed   usual") && answer.stdout.contains("failed   bright"), "{answer:?}");
+    assert!(answer.stderr.contains("1 of 2 cases passed"), "{answer:?}");
     assert!(answer.stdout.contains("relMSE is"), "{answer:?}");
     assert!(before == fs::read(baseline("bright.exr")).unwrap());
     let xml = fs::read_to_string(&xml).unwrap();

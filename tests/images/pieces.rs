@@ -21,8 +21,6 @@ impl Random {
 }
 
 fn renderer(scene: &str, settings: &Settings) -> Renderer<'static> {
-    // Pieces of one image have the same kernels.
-    gpu().keep_kernels();
     let scene = Scene::load(scene_file(scene), &ImportOptions::default()).unwrap();
     let camera = scene.cameras[0].clone();
     Renderer::new(gpu(), scene, &camera, settings).unwrap()

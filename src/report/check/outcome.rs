@@ -95,7 +95,7 @@ impl Outcome {
         outcome
     }
 
-    /// Whether the case is as it should be.
+    /// Whether the case passed, or has a new baseline.
     pub fn is_good(&self) -> bool {
         matches!(self.finding, Finding::Passed | Finding::Blessed)
     }
