@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
+use penumbra::Image;
 use penumbra::internal::render::film::{Metadata, View};
-use penumbra::{Image, Technique};
 use serde_json::Value;
 
 use crate::program::{Answer, BOX, STILL_LIFE, device, folder, penumbra, run};
@@ -164,21 +164,23 @@ fn a_render_ends_by_time_or_by_samples() {
     assert_eq!(samples("--time 3600 --spp 2"), 2);
 }
 
-/// Renders of every technique that are stopped after each batch, against an uninterrupted render.
+/// Renders that are stopped after each batch, against an uninterrupted render. The tests in `extremes` resume all
+/// techniques, within one process.
 #[test]
 fn a_resumed_render_has_the_bits_of_one_that_never_stopped() {
     let folder = folder();
     let [whole, parts, state, stats] = ["a.exr", "b.exr", "state", "a.json"].map(|name| folder.path().join(name));
-    let all = Technique::all().map(|technique| format!("--aov all --technique {technique}"));
-    // Without the AOV of classes there are fine cells, and most points of the still life are shaded at once. It has
-    // enough lights for ward-adaptive to estimate some by their visibility so far.
-    let others = [
-        (BOX, "--aov variance --nearest 511".to_owned()),
-        (STILL_LIFE, "--aov variance".to_owned()),
-        (STILL_LIFE, "--aov variance --light-sampling zones --sampled-lights 2".to_owned()),
-        (STILL_LIFE, "--aov all --technique ward-adaptive --shadow-tolerance 0.5".to_owned()),
+    let cases = [
+        (BOX, "--aov all"),
+        (BOX, "--aov all --technique path"),
+        // Without the AOV of classes there are fine cells, and most points of the still life are shaded at once. It has
+        // enough lights for ward-adaptive to estimate some by their visibility so far.
+        (BOX, "--aov variance --nearest 511"),
+        (STILL_LIFE, "--aov variance"),
+        (STILL_LIFE, "--aov variance --light-sampling zones --sampled-lights 2"),
+        (STILL_LIFE, "--aov all --technique ward-adaptive --shadow-tolerance 0.5"),
     ];
-    for (scene, arguments) in all.map(|arguments| (BOX, arguments)).chain(others) {
+    for (scene, arguments) in cases {
         let arguments = format!("{arguments} --spp 20 --seed 3 --audit 0.25");
         let render = |arguments: &str, output: &Path| render_scene(scene, arguments, &[output]);
         render(&arguments, &whole).assert_done();
