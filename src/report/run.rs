@@ -168,18 +168,20 @@ impl Starter {
     /// The settings for an image whose samples are to end `within` so many seconds, on which a choice depends.
     fn settings(&self, subject: &Subject<'_>, seed: u32, within: f64) -> Settings {
         let Subject { gpu, scene, camera, settings } = *subject;
-        settings.clone().with(|s| {
-            if let Some(technique) = self.technique {
-                s.technique = technique;
-            } else {
-                let Choice { technique, sampling, .. } = Choice::after_import(gpu, scene, camera, settings, within);
-                (s.technique, s.image.sampling) = (technique, sampling);
-            }
+        let settings = settings.clone().with(|s| {
             s.image.denoise = self.denoiser.choice();
             s.image.seed = seed;
             s.image.spp = Settings::UNLIMITED_SPP;
             s.image.aovs = Vec::new();
-        })
+        });
+        let (technique, sampling) = match self.technique {
+            Some(technique) => (technique, settings.image.sampling),
+            None => {
+                let Choice { technique, sampling, .. } = Choice::after_import(gpu, scene, camera, &settings, within);
+                (technique, sampling)
+            }
+        };
+        settings.with(|s| (s.technique, s.image.sampling) = (technique, sampling))
     }
 }
 

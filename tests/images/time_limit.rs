@@ -1,6 +1,8 @@
 //! Renders that are to end in time.
 
-use penumbra::internal::scene::ImportOptions;
+use std::sync::Arc;
+
+use penumbra::internal::scene::{ImportOptions, Panorama};
 use penumbra::internal::techniques::auto::Choice;
 use penumbra::settings::{Denoise, Sampling};
 use penumbra::{Aov, Camera, Denoiser, Renderer, Scene, Settings, Technique};
@@ -154,33 +156,44 @@ fn the_technique_fits_the_time() {
 }
 
 /// A model before an empty background is rendered by paths until there are four times the first sample of the default
-/// technique, and its pixels share samples out sooner.
+/// technique, under a sky until there are twenty, and its pixels share samples out sooner.
 #[test]
 fn paths_render_models_by_themselves_for_longer() {
     let scene = load("box.glb");
+    let mut under_a_sky = scene.clone();
+    under_a_sky.lights.clear();
+    let sky = Panorama { width: 2, height: 1, texels: vec![[0.5; 3], [1.0; 3]] };
+    under_a_sky.set_environment(Arc::new(sky), 0.0, 1.0).unwrap();
     let room = scene.cameras[0].clone();
     let mut far = room.clone();
     far.position += 10.0 * far.axes[2];
-    let plain = settings(4).with(|s| s.technique = Technique::default());
-    let choice = |camera: &Camera, settings: &Settings, within: f64| {
-        let Choice { technique, reason, sampling } = Choice::new(gpu(), &scene, camera, settings, Some(within));
-        (technique, reason.is_some_and(|reason| reason.contains("empty")), sampling)
+    let plain = settings(Settings::UNLIMITED_SPP).with(|s| s.technique = Technique::default());
+    let choice = |scene: &Scene, camera: &Camera, settings: &Settings, within: f64| {
+        let Choice { technique, reason, sampling } = Choice::new(gpu(), scene, camera, settings, Some(within));
+        assert_eq!(reason.is_some(), technique == Technique::PATH);
+        assert!(reason.is_none_or(|reason| reason.contains("empty")));
+        (technique, sampling)
     };
     // A first sample of so small an image is expected after 0.36 s.
     let (short, long) = (0.45, 1.2);
-    let usual = (Technique::default(), false);
-    let shared = (Technique::PATH, true, Sampling::Adaptive);
+    let usual = (Technique::default(), Sampling::Adaptive);
+    let shared = (Technique::PATH, Sampling::Adaptive);
     if !gpu().is_software() {
-        assert_eq!(choice(&far, &plain, long), (usual.0, usual.1, Sampling::Uniform));
+        assert_eq!(choice(&scene, &far, &plain, long), (usual.0, Sampling::Uniform));
         return;
     }
-    assert_eq!(choice(&far, &plain, short), (Technique::PATH, true, Sampling::Uniform));
-    assert_eq!(choice(&far, &plain, long), shared);
-    assert_eq!(choice(&far, &plain, 5.0), (usual.0, usual.1, Sampling::Adaptive));
-    assert_eq!(choice(&room, &plain, long), (usual.0, usual.1, Sampling::Adaptive));
-    // Photons that are asked for are made.
-    let photons = plain.with(|s| s.visibility_map.photons_per_light = Some(4096));
-    assert_eq!(choice(&far, &photons, long), (usual.0, usual.1, Sampling::Adaptive));
+    assert_eq!(choice(&scene, &far, &plain, short), (Technique::PATH, Sampling::Uniform));
+    assert_eq!(choice(&scene, &far, &plain, long), shared);
+    assert_eq!(choice(&scene, &far, &plain, 5.0), usual);
+    assert_eq!(choice(&under_a_sky, &far, &plain, 5.0), shared);
+    assert_eq!(choice(&under_a_sky, &far, &plain, 10.0), usual);
+    for scene in [&scene, &under_a_sky] {
+        assert_eq!(choice(scene, &room, &plain, long), usual);
+        // Each of few samples counts, and photons that are asked for are made.
+        let few = plain.clone().with(|s| s.image.spp = 64);
+        let photons = plain.clone().with(|s| s.visibility_map.photons_per_light = Some(4096));
+        assert_eq!([few, photons].map(|settings| choice(scene, &far, &settings, long)), [usual; 2]);
+    }
 }
 
 /// Of many lights each point samples a few, so a hundred thousand leave time for photons.
