@@ -69,6 +69,10 @@ const MAX_TIMES_OF_PATHS: f64 = 4.0;
 /// error, and at fifty about the same.
 const MAX_TIMES_OF_PATHS_UNDER_A_SKY: f64 = 20.0;
 
+/// Samples of `path` that a model by itself has in the expected time of the first sample of the default technique: 6 to
+/// 13 with times of 4 to 30 s. A limit of fewer samples ends the render before its time, and then each of them counts.
+const MAX_PATHS_IN_FIRST_SAMPLE: f64 = 16.0;
+
 /// As [`MIN_TIMES_TO_SHARE`], for `path` and a model by itself. The first sample of `path` takes about half as long.
 const MIN_TIMES_TO_SHARE_PATHS: f64 = 1.5;
 
@@ -79,7 +83,7 @@ impl Choice {
     /// Only its first sample comes later than that of paths, which need neither photons nor records.
     ///
     /// For a model before an empty background `path` is taken for longer, as its samples cost little there: but not if
-    /// the number of samples is limited, so that each of them counts.
+    /// all samples that are asked for are there sooner, as one of the default technique has less noise.
     ///
     /// Pixels share samples out, which at equal time takes up to half of the error away (docs/decisions.md,
     /// "Samples shared out"). Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
@@ -95,7 +99,7 @@ impl Choice {
         } else if times < MIN_TIMES {
             Some(format!("photons and records would take about {expected:.1} s before the first image"))
         } else if times < max_times_of_paths(scene)
-            && settings.image.spp == Settings::UNLIMITED_SPP
+            && f64::from(settings.image.spp) >= MAX_PATHS_IN_FIRST_SAMPLE * times
             && shows_a_model_by_itself(scene, camera, size)
         {
             Some("most of the image is empty, and few paths would meet a second surface".into())

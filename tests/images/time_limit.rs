@@ -190,7 +190,7 @@ fn paths_render_models_by_themselves_for_longer() {
     for scene in [&scene, &under_a_sky] {
         assert_eq!(choice(scene, &room, &plain, long), usual);
         // Each of few samples counts, and photons that are asked for are made.
-        let few = plain.clone().with(|s| s.image.spp = 64);
+        let few = plain.clone().with(|s| s.image.spp = 32);
         let photons = plain.clone().with(|s| s.visibility_map.photons_per_light = Some(4096));
         assert_eq!([few, photons].map(|settings| choice(scene, &far, &settings, long)), [usual; 2]);
     }
