@@ -83,7 +83,7 @@ impl Choice {
     /// Only its first sample comes later than that of paths, which need neither photons nor records.
     ///
     /// For a model before an empty background `path` is taken for longer, as its samples cost little there: but not if
-    /// all samples that are asked for are there sooner, as one of the default technique has less noise.
+    /// all samples that are asked for are there sooner, as one of the default technique has no more noise.
     ///
     /// Pixels share samples out, which at equal time takes up to half of the error away (docs/decisions.md,
     /// "Samples shared out"). Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
