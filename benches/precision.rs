@@ -46,6 +46,8 @@ mod stage;
 #[path = "../tests/kernels/statistics.rs"]
 mod statistics;
 
+use statistics::{Random, RandomVectors as _};
+
 /// Median device time of the closed form, in nanoseconds for each point, for a square light of side `size` at a
 /// distance of about 1.
 fn closed_form_time(gpu: &Gpu, size: f64) -> f64 {
@@ -53,7 +55,7 @@ fn closed_form_time(gpu: &Gpu, size: f64) -> f64 {
     const RUNS: usize = 9;
     let light = meshes::square(DVec3::Y, DVec3::X * 0.5 * size, DVec3::Z * 0.5 * size);
     let scene = light::scene(&[(light, false)], &[]);
-    let mut random = statistics::Random(3);
+    let mut random = Random(3);
     let points: Vec<_> =
         (0..POINTS).map(|_| light::Place::new(random.point() * 0.5 - 0.2 * DVec3::Y, random.direction(), 0)).collect();
     let spent = || gpu.pass_times().unwrap().values().sum::<f64>();

@@ -195,7 +195,7 @@ pub mod internal {
     }
 
     reexport! {
-        bvh error fingerprint gpu_scene kernels passes procedural render
+        bvh error fingerprint gpu_scene kernels passes procedural random render
         #[cfg(feature = "report")] report
         scene settings specialisation statistics
         #[cfg(feature = "report")] stress

@@ -1,7 +1,7 @@
 //! Random numbers of the CPU.
 
 /// Uniform numbers: SplitMix64 (Steele et al. 2014).
-pub(crate) struct Random(pub u64);
+pub struct Random(pub u64);
 
 impl Random {
     /// In [0, 1).

@@ -174,13 +174,10 @@ impl Starter {
             s.image.spp = Settings::UNLIMITED_SPP;
             s.image.aovs = Vec::new();
         });
-        let (technique, sampling) = match self.technique {
-            Some(technique) => (technique, settings.image.sampling),
-            None => {
-                let Choice { technique, sampling, .. } = Choice::after_import(gpu, scene, camera, &settings, within);
-                (technique, sampling)
-            }
-        };
+        if let Some(technique) = self.technique {
+            return settings.with(|s| s.technique = technique);
+        }
+        let Choice { technique, sampling, .. } = Choice::after_import(gpu, scene, camera, &settings, within);
         settings.with(|s| (s.technique, s.image.sampling) = (technique, sampling))
     }
 }

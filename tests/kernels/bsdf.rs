@@ -11,7 +11,7 @@ use penumbra::internal::kernels::compose_source;
 use penumbra::internal::specialisation::features::{Feature, Features};
 
 use crate::kit::{device_features, new_kernel};
-use crate::statistics::{Random, chi_square};
+use crate::statistics::{Random, RandomVectors as _, chi_square};
 
 /// A surface of one colour, as the kernel gets it.
 #[derive(Clone, Copy, Debug)]

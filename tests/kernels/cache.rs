@@ -15,7 +15,7 @@ use penumbra::internal::specialisation::features::{Feature, Features};
 use crate::kit::{device_features, published};
 use crate::rooms::{point, point_normal};
 use crate::stage::oct_encode;
-use crate::statistics::Random;
+use crate::statistics::{Random, RandomVectors as _};
 
 /// Pixels of a block's side.
 const BLOCK: f64 = 8.0;

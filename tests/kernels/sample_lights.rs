@@ -20,7 +20,7 @@ use crate::light::{sphere, square};
 use crate::path::{camera, scene, surface};
 use crate::rooms::photon;
 use crate::stage::{Stage, oct_encode};
-use crate::statistics::{Random, mean_and_error, z_test};
+use crate::statistics::{Random, RandomVectors as _, mean_and_error, z_test};
 
 const LIGHTS: usize = 90;
 const LIGHTS_PER_POINT: u32 = 8;

@@ -1,5 +1,7 @@
 //! Statistical tests of samples, at a significance level that holds for a whole family of tests.
 
+pub use penumbra::internal::random::Random;
+
 /// Probability that a correct sampler fails at least one test of a family. Seeds are fixed, so a test that passed once
 /// always passes.
 const SIGNIFICANCE: f64 = 1e-3;
@@ -87,25 +89,20 @@ fn a_loaded_die_is_found() {
     assert!(z_test(1.04, 0.01, 1.0, 1).is_err());
 }
 
-/// Uniform numbers for tests: SplitMix64 (Steele et al. 2014).
-pub struct Random(pub u64);
-
-impl Random {
-    /// Uniform in [0, 1).
-    pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
+/// Vectors of random numbers.
+pub trait RandomVectors {
     /// Uniform in [-1, 1)^3.
-    pub fn point(&mut self) -> glam::DVec3 {
+    fn point(&mut self) -> glam::DVec3;
+    /// Uniform on the unit sphere.
+    fn direction(&mut self) -> glam::DVec3;
+}
+
+impl RandomVectors for Random {
+    fn point(&mut self) -> glam::DVec3 {
         glam::DVec3::new(self.uniform(), self.uniform(), self.uniform()) * 2.0 - 1.0
     }
 
-    /// Uniform on the unit sphere.
-    pub fn direction(&mut self) -> glam::DVec3 {
+    fn direction(&mut self) -> glam::DVec3 {
         loop {
             let p = self.point();
             if p.length() < 1.0 && p.length() > 1e-3 {

@@ -14,7 +14,7 @@ use crate::kit::published;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
 use crate::stage::{Stage, hash1, oct_encode, whole};
-use crate::statistics::Random;
+use crate::statistics::{Random, RandomVectors as _};
 
 /// More lights than one dispatch of `order` processes.
 const LIGHTS: usize = 70;
