@@ -130,13 +130,13 @@ fn animation<'r, 'a>(root: &Json<'a>, json: &Json<'a>, reader: &mut Reader<'r, '
         let sampler_json = json.require("sampler")?;
         let sampler = samplers[sampler_json.index(samplers.len(), "sampler")?];
         let target_json = json.require("target")?;
-        let Some((pointer, at)) = pointer(root, &target_json)? else { continue };
+        let Some(Stated { pointer, at, extended }) = stated(root, &target_json)? else { continue };
         if let Some(first) = targets.insert(pointer.clone(), i) {
             return Err(listed[first].require("target")?.error(format!("channel {i} has the same target")));
         }
         let target = match Property::find(root.value(), &pointer).map_err(|problem| at.error(problem))? {
             Some(property) => {
-                reader.check(&sampler_json, &sampler, property.values)?;
+                reader.check(&sampler_json, &sampler, property.values, extended)?;
                 Target::Property(property)
             }
             None => Target::Unknown(pointer),
@@ -146,17 +146,26 @@ fn animation<'r, 'a>(root: &Json<'a>, json: &Json<'a>, reader: &mut Reader<'r, '
     Ok(Animation { name: json.name()?, channels })
 }
 
-/// The JSON pointer of a channel's target, with the value that states it. None if no node is stated, which glTF
-/// ignores.
-fn pointer<'a>(root: &Json<'a>, target: &Json<'a>) -> Result<Option<(String, Json<'a>)>> {
+/// The target of a channel as the file states it.
+struct Stated<'a> {
+    /// JSON pointer of the property.
+    pointer: String,
+    /// The value that states it.
+    at: Json<'a>,
+    /// It is stated by KHR_animation_pointer.
+    extended: bool,
+}
+
+/// The target of a channel. None if no node is stated, which glTF ignores.
+fn stated<'a>(root: &Json<'a>, target: &Json<'a>) -> Result<Option<Stated<'a>>> {
     let path = target.require("path")?.string()?;
     if path == "pointer" {
         let extension = target.extension(POINTER_EXTENSION)?;
         let extension = extension.ok_or_else(|| target.error(format!("has no {POINTER_EXTENSION}")))?;
-        let pointer = extension.require("pointer")?;
-        return Ok(Some((pointer.string()?.to_owned(), pointer)));
+        let at = extension.require("pointer")?;
+        return Ok(Some(Stated { pointer: at.string()?.to_owned(), at, extended: true }));
     }
     let Some(node) = target.get("node")? else { return Ok(None) };
     let index = node.index(root.list_len("nodes")?, "node")?;
-    Ok(Some((format!("/nodes/{index}/{path}"), target.clone())))
+    Ok(Some(Stated { pointer: format!("/nodes/{index}/{path}"), at: target.clone(), extended: false }))
 }

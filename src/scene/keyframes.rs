@@ -23,13 +23,15 @@ pub(super) enum Values {
     Scalars(usize),
     /// A unit quaternion, interpolated along the shorter arc.
     Rotation,
+    /// On or off, which no interpolation changes: a byte, 0 for off.
+    Switch,
 }
 
 impl Values {
     /// Elements of the output accessor for a key, without tangents.
     fn elements(self) -> usize {
         match self {
-            Values::Vector(_) | Values::Rotation => 1,
+            Values::Vector(_) | Values::Rotation | Values::Switch => 1,
             Values::Scalars(count) => count,
         }
     }
@@ -38,7 +40,7 @@ impl Values {
     fn width(self) -> usize {
         match self {
             Values::Vector(width) => width,
-            Values::Scalars(_) => 1,
+            Values::Scalars(_) | Values::Switch => 1,
             Values::Rotation => 4,
         }
     }
@@ -139,9 +141,17 @@ impl<'r, 'a> Reader<'r, 'a> {
     }
 
     /// Checks that a sampler has the values of a property. `json` is the channel's reference to the sampler.
-    pub fn check(&mut self, json: &Json<'a>, sampler: &Sampler<'r, 'a>, values: Values) -> Result<()> {
+    /// `extended`: the channel is by KHR_animation_pointer, for which integers that are not normalised are numbers too.
+    pub fn check(&mut self, json: &Json<'a>, sampler: &Sampler<'r, 'a>, values: Values, extended: bool) -> Result<()> {
         let Sampler { input, output, .. } = sampler;
-        if output.component == Component::U32 || (output.component != Component::F32 && !output.normalised) {
+        if values == Values::Switch {
+            if (output.component, output.normalised) != (Component::U8, false) {
+                return Err(json.error("its output must be unsigned bytes, which are 0 for false"));
+            }
+            if sampler.interpolation != Interpolation::Step {
+                return Err(json.error("its interpolation must be STEP: there is nothing between true and false"));
+            }
+        } else if !extended && output.component != Component::F32 && !output.normalised {
             return Err(json.error("its output must be floats or normalised integers"));
         }
         if output.width != values.width() {

@@ -5,7 +5,7 @@
 
 use serde_json::{Map, Value};
 
-use super::keyframes::Values;
+use super::keyframes::Values::{self, Rotation, Scalars, Switch, Vector};
 
 /// Numbers without limits.
 const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
@@ -14,59 +14,60 @@ const POSITIVE: [f64; 2] = [0.0, f64::INFINITY];
 /// Shares.
 const UNIT: [f64; 2] = [0.0, 1.0];
 
-/// The known properties: pointer, with `*` for one part and `**` for some, number of components, and the range to which
+/// The known properties: pointer, with `*` for one part and `**` for some, what a key holds, and the range to which
 /// values are limited, because a spline may leave that of its keys. Where import refuses values beyond a range that is
 /// open at an end, it is left to do so.
-const KNOWN: &[(&str, usize, [f64; 2])] = &[
-    ("/nodes/*/translation", 3, ANY),
-    ("/nodes/*/rotation", 4, ANY),
-    ("/nodes/*/scale", 3, ANY),
-    ("/nodes/*/weights/*", 1, ANY),
-    ("/meshes/*/weights/*", 1, ANY),
-    ("/cameras/*/orthographic/xmag", 1, ANY),
-    ("/cameras/*/orthographic/ymag", 1, ANY),
-    ("/cameras/*/orthographic/zfar", 1, ANY),
-    ("/cameras/*/orthographic/znear", 1, POSITIVE),
-    ("/cameras/*/perspective/aspectRatio", 1, ANY),
-    ("/cameras/*/perspective/yfov", 1, ANY),
-    ("/cameras/*/perspective/zfar", 1, ANY),
-    ("/cameras/*/perspective/znear", 1, ANY),
-    ("/extensions/KHR_lights_punctual/lights/*/color", 3, POSITIVE),
-    ("/extensions/KHR_lights_punctual/lights/*/intensity", 1, POSITIVE),
-    ("/extensions/KHR_lights_punctual/lights/*/range", 1, ANY),
-    ("/extensions/KHR_lights_punctual/lights/*/spot/innerConeAngle", 1, POSITIVE),
-    ("/extensions/KHR_lights_punctual/lights/*/spot/outerConeAngle", 1, ANY),
-    ("/materials/*/pbrMetallicRoughness/baseColorFactor", 4, UNIT),
-    ("/materials/*/pbrMetallicRoughness/metallicFactor", 1, UNIT),
-    ("/materials/*/pbrMetallicRoughness/roughnessFactor", 1, UNIT),
-    ("/materials/*/alphaCutoff", 1, POSITIVE),
-    ("/materials/*/emissiveFactor", 3, POSITIVE),
-    ("/materials/*/normalTexture/scale", 1, ANY),
-    ("/materials/*/**/extensions/KHR_texture_transform/offset", 2, ANY),
-    ("/materials/*/**/extensions/KHR_texture_transform/rotation", 1, ANY),
-    ("/materials/*/**/extensions/KHR_texture_transform/scale", 2, ANY),
-    ("/materials/*/extensions/KHR_materials_anisotropy/anisotropyRotation", 1, ANY),
-    ("/materials/*/extensions/KHR_materials_anisotropy/anisotropyStrength", 1, UNIT),
-    ("/materials/*/extensions/KHR_materials_clearcoat/clearcoatFactor", 1, UNIT),
-    ("/materials/*/extensions/KHR_materials_clearcoat/clearcoatNormalTexture/scale", 1, ANY),
-    ("/materials/*/extensions/KHR_materials_clearcoat/clearcoatRoughnessFactor", 1, UNIT),
-    ("/materials/*/extensions/KHR_materials_diffuse_transmission/diffuseTransmissionColorFactor", 3, UNIT),
-    ("/materials/*/extensions/KHR_materials_diffuse_transmission/diffuseTransmissionFactor", 1, UNIT),
-    ("/materials/*/extensions/KHR_materials_dispersion/dispersion", 1, POSITIVE),
-    ("/materials/*/extensions/KHR_materials_emissive_strength/emissiveStrength", 1, POSITIVE),
-    ("/materials/*/extensions/KHR_materials_ior/ior", 1, POSITIVE),
-    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceFactor", 1, UNIT),
-    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceIor", 1, [1.0, f64::INFINITY]),
-    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceThicknessMaximum", 1, POSITIVE),
-    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceThicknessMinimum", 1, POSITIVE),
-    ("/materials/*/extensions/KHR_materials_sheen/sheenColorFactor", 3, UNIT),
-    ("/materials/*/extensions/KHR_materials_sheen/sheenRoughnessFactor", 1, UNIT),
-    ("/materials/*/extensions/KHR_materials_specular/specularColorFactor", 3, POSITIVE),
-    ("/materials/*/extensions/KHR_materials_specular/specularFactor", 1, UNIT),
-    ("/materials/*/extensions/KHR_materials_transmission/transmissionFactor", 1, UNIT),
-    ("/materials/*/extensions/KHR_materials_volume/attenuationColor", 3, UNIT),
-    ("/materials/*/extensions/KHR_materials_volume/attenuationDistance", 1, ANY),
-    ("/materials/*/extensions/KHR_materials_volume/thicknessFactor", 1, POSITIVE),
+const KNOWN: &[(&str, Values, [f64; 2])] = &[
+    ("/nodes/*/translation", Vector(3), ANY),
+    ("/nodes/*/rotation", Rotation, ANY),
+    ("/nodes/*/scale", Vector(3), ANY),
+    ("/nodes/*/extensions/KHR_node_visibility/visible", Switch, UNIT),
+    ("/nodes/*/weights/*", Vector(1), ANY),
+    ("/meshes/*/weights/*", Vector(1), ANY),
+    ("/cameras/*/orthographic/xmag", Vector(1), ANY),
+    ("/cameras/*/orthographic/ymag", Vector(1), ANY),
+    ("/cameras/*/orthographic/zfar", Vector(1), ANY),
+    ("/cameras/*/orthographic/znear", Vector(1), POSITIVE),
+    ("/cameras/*/perspective/aspectRatio", Vector(1), ANY),
+    ("/cameras/*/perspective/yfov", Vector(1), ANY),
+    ("/cameras/*/perspective/zfar", Vector(1), ANY),
+    ("/cameras/*/perspective/znear", Vector(1), ANY),
+    ("/extensions/KHR_lights_punctual/lights/*/color", Vector(3), POSITIVE),
+    ("/extensions/KHR_lights_punctual/lights/*/intensity", Vector(1), POSITIVE),
+    ("/extensions/KHR_lights_punctual/lights/*/range", Vector(1), ANY),
+    ("/extensions/KHR_lights_punctual/lights/*/spot/innerConeAngle", Vector(1), POSITIVE),
+    ("/extensions/KHR_lights_punctual/lights/*/spot/outerConeAngle", Vector(1), ANY),
+    ("/materials/*/pbrMetallicRoughness/baseColorFactor", Vector(4), UNIT),
+    ("/materials/*/pbrMetallicRoughness/metallicFactor", Vector(1), UNIT),
+    ("/materials/*/pbrMetallicRoughness/roughnessFactor", Vector(1), UNIT),
+    ("/materials/*/alphaCutoff", Vector(1), POSITIVE),
+    ("/materials/*/emissiveFactor", Vector(3), POSITIVE),
+    ("/materials/*/normalTexture/scale", Vector(1), ANY),
+    ("/materials/*/**/extensions/KHR_texture_transform/offset", Vector(2), ANY),
+    ("/materials/*/**/extensions/KHR_texture_transform/rotation", Vector(1), ANY),
+    ("/materials/*/**/extensions/KHR_texture_transform/scale", Vector(2), ANY),
+    ("/materials/*/extensions/KHR_materials_anisotropy/anisotropyRotation", Vector(1), ANY),
+    ("/materials/*/extensions/KHR_materials_anisotropy/anisotropyStrength", Vector(1), UNIT),
+    ("/materials/*/extensions/KHR_materials_clearcoat/clearcoatFactor", Vector(1), UNIT),
+    ("/materials/*/extensions/KHR_materials_clearcoat/clearcoatNormalTexture/scale", Vector(1), ANY),
+    ("/materials/*/extensions/KHR_materials_clearcoat/clearcoatRoughnessFactor", Vector(1), UNIT),
+    ("/materials/*/extensions/KHR_materials_diffuse_transmission/diffuseTransmissionColorFactor", Vector(3), UNIT),
+    ("/materials/*/extensions/KHR_materials_diffuse_transmission/diffuseTransmissionFactor", Vector(1), UNIT),
+    ("/materials/*/extensions/KHR_materials_dispersion/dispersion", Vector(1), POSITIVE),
+    ("/materials/*/extensions/KHR_materials_emissive_strength/emissiveStrength", Vector(1), POSITIVE),
+    ("/materials/*/extensions/KHR_materials_ior/ior", Vector(1), POSITIVE),
+    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceFactor", Vector(1), UNIT),
+    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceIor", Vector(1), [1.0, f64::INFINITY]),
+    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceThicknessMaximum", Vector(1), POSITIVE),
+    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceThicknessMinimum", Vector(1), POSITIVE),
+    ("/materials/*/extensions/KHR_materials_sheen/sheenColorFactor", Vector(3), UNIT),
+    ("/materials/*/extensions/KHR_materials_sheen/sheenRoughnessFactor", Vector(1), UNIT),
+    ("/materials/*/extensions/KHR_materials_specular/specularColorFactor", Vector(3), POSITIVE),
+    ("/materials/*/extensions/KHR_materials_specular/specularFactor", Vector(1), UNIT),
+    ("/materials/*/extensions/KHR_materials_transmission/transmissionFactor", Vector(1), UNIT),
+    ("/materials/*/extensions/KHR_materials_volume/attenuationColor", Vector(3), UNIT),
+    ("/materials/*/extensions/KHR_materials_volume/attenuationDistance", Vector(1), ANY),
+    ("/materials/*/extensions/KHR_materials_volume/thicknessFactor", Vector(1), POSITIVE),
 ];
 
 /// The property with the weights of all morph targets of a node or mesh.
@@ -93,10 +94,10 @@ impl Property {
             return Err(format!("`{pointer}` is no JSON pointer: it must begin with /"));
         }
         let parts: Vec<&str> = pointer.split('/').skip(1).collect();
-        let (count, range) = match parts[..] {
-            ["nodes" | "meshes", _, WEIGHTS] => (0, ANY),
+        let (values, range) = match parts[..] {
+            ["nodes" | "meshes", _, WEIGHTS] => (Scalars(0), ANY),
             _ => match KNOWN.iter().find(|(pattern, ..)| matches(pattern, &parts)) {
-                Some((_, count, range)) => (*count, *range),
+                Some((_, values, range)) => (*values, *range),
                 None => return Ok(None),
             },
         };
@@ -118,7 +119,7 @@ impl Property {
             if is_weight && index_of(last).is_none_or(|index| index >= count) {
                 return Err(missing(last));
             }
-            let values = if is_weight { Values::Vector(1) } else { Values::Scalars(count) };
+            let values = if is_weight { Vector(1) } else { Scalars(count) };
             return Ok(Some(Property { pointer: pointer.to_owned(), values, range, is_weight }));
         }
         let mut value = Some(document);
@@ -139,11 +140,10 @@ impl Property {
                 _ => return Err(missing(part)),
             };
         }
-        if parts[0] == "nodes" && owner.is_some_and(|node| node.get("matrix").is_some()) {
+        let is_transform = matches!(parts[..], ["nodes", _, _]);
+        if is_transform && owner.is_some_and(|node| node.get("matrix").is_some()) {
             return Err(format!("`{pointer}` is of a node that has a matrix"));
         }
-        let is_rotation = parts[0] == "nodes" && *last == "rotation";
-        let values = if is_rotation { Values::Rotation } else { Values::Vector(count) };
         Ok(Some(Property { pointer: pointer.to_owned(), values, range, is_weight: false }))
     }
 
@@ -151,7 +151,6 @@ impl Property {
     pub fn set(&self, document: &mut Value, numbers: &[f64]) {
         let [low, high] = self.range;
         let mut numbers: Vec<Value> = numbers.iter().map(|x| Value::from(x.clamp(low, high))).collect();
-        let is_array = !matches!(self.values, Values::Vector(1));
         if self.is_weight {
             self.add_weights(document);
         }
@@ -166,7 +165,11 @@ impl Property {
                 _ => return,
             };
         }
-        *value = if is_array { Value::Array(numbers) } else { numbers.swap_remove(0) };
+        *value = match self.values {
+            Switch => Value::Bool(numbers[0] != 0.0),
+            Vector(1) => numbers.swap_remove(0),
+            _ => Value::Array(numbers),
+        };
     }
 }
 

@@ -8,6 +8,9 @@ use serde_json::{Value, json};
 use crate::bad_input::refused_at;
 use crate::builder::{F32, File, I16, U8, U32, bytes_of, world};
 
+/// Where the only channel of a file is.
+const CHANNEL: &str = "/animations/0/channels/0";
+
 /// Adds an animation of one channel with those keys, and returns its index.
 fn animate<const N: usize>(file: &mut File, times: &[f32], values: &[[f32; N]], mode: &str, target: Value) -> usize {
     let times: Vec<[f32; 1]> = times.iter().map(|time| [*time]).collect();
@@ -200,7 +203,6 @@ fn malformed_animations_are_refused() {
         refused_at(&file)
     };
     const SAMPLER: &str = "/animations/0/samplers/0";
-    const CHANNEL: &str = "/animations/0/channels/0";
     let input =
         |f: &mut File, times: &[[f32; 1]]| f.json["animations"][0]["samplers"][0]["input"] = json!(f.floats(times));
     for times in [[-1.0, 1.0], [0.0, 0.0], [1.0, 0.5], [0.0, f32::NAN], [0.0, f32::INFINITY]] {
@@ -280,14 +282,55 @@ fn steps_are_not_late_by_a_rounding() {
     }
 }
 
-/// Switches have whole numbers as values. No such property is known, and none is refused.
-#[test]
-fn animations_of_switches_are_noted() {
-    let mut file = File::triangle();
-    let target = pointer("/nodes/0/extensions/ACME_switch/on");
-    animate(&mut file, &[0., 1.], &[[0f32], [1.]], "STEP", target);
-    let output = file.accessor(&[0, 1], U8, "SCALAR", 2);
+/// The file, with an animation of a pointer whose values are plain bytes, at 0, 1 and 2 s.
+fn with_bytes(mut file: File, target: &str, values: [u8; 3], mode: &str) -> File {
+    animate(&mut file, &[0., 1., 2.], &[[0f32]; 3], mode, pointer(target));
+    let output = file.accessor(&values, U8, "SCALAR", 3);
     file.json["animations"][0]["samplers"][0]["output"] = json!(output);
+    file
+}
+
+/// Any byte but 0 shows a node. There is nothing between shown and hidden.
+#[test]
+fn nodes_appear_and_vanish() {
+    const VISIBLE: &str = "/nodes/0/extensions/KHR_node_visibility/visible";
+    let mut file = with_bytes(File::triangle(), VISIBLE, [0, 2, 0], "STEP");
+    // Only a transform cannot be animated beside a matrix.
+    file.json["nodes"][0]["matrix"] = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
+    for (time, triangles) in [(0.0, 0), (0.999, 0), (1.0, 1), (1.999, 1), (2.0, 0)] {
+        let scene = load(&file, time);
+        assert_eq!(scene.triangles.len(), triangles, "{time}");
+        assert!(!scene.notes.iter().any(|note| note.contains("not played")), "{:?}", scene.notes);
+    }
+    let mut normalised = with_bytes(File::triangle(), VISIBLE, [0, 2, 0], "STEP");
+    normalised.json["accessors"].as_array_mut().unwrap().last_mut().unwrap()["normalized"] = json!(true);
+    let mut floats = File::triangle();
+    animate(&mut floats, &[0., 1.], &[[0f32], [1.]], "STEP", pointer(VISIBLE));
+    for file in [with_bytes(File::triangle(), VISIBLE, [0, 1, 0], "LINEAR"), normalised, floats] {
+        assert_eq!(refused_at(&file), format!("{CHANNEL}/sampler"));
+    }
+}
+
+/// By a pointer, integers that are not normalised are the numbers themselves, and are interpolated as such.
+#[test]
+fn pointers_lead_to_whole_numbers() {
+    let target = "/extensions/KHR_lights_punctual/lights/0/intensity";
+    let file = with_bytes(stage(), target, [1, 3, 2], "LINEAR");
+    let intensity = |scene: &Scene| match scene.lights[0].kind {
+        LightKind::Spot { intensity, .. } => intensity.x,
+        ref other => panic!("{other:?}"),
+    };
+    // That of the stage is 2.
+    let one = intensity(&stage().load()) / 2.0;
+    for (time, expected) in [(0.0, 1.0), (0.5, 2.0), (1.0, 3.0), (1.5, 2.5)] {
+        assert_eq!(intensity(&load(&file, time)), expected * one, "{time}");
+    }
+}
+
+/// No property of an unknown extension is known, and none is refused.
+#[test]
+fn animations_of_unknown_properties_are_noted() {
+    let file = with_bytes(File::triangle(), "/nodes/0/extensions/ACME_switch/on", [0, 1, 1], "STEP");
     assert!(load(&file, 1.0).notes.iter().any(|note| note.contains("ACME_switch/on` is not played")));
 }
 
