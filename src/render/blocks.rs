@@ -180,6 +180,12 @@ impl Blocks {
         self.next = self.in_order().filter_map(next).collect();
     }
 
+    /// Gives each block as many samples more as it has.
+    pub fn double(&mut self) {
+        let double = |block: u32| Next { block, target: self.samples[block as usize].saturating_mul(2) };
+        self.next = self.in_order().map(double).collect();
+    }
+
     /// For each pixel the logarithm to base 2 of its share of the samples, in units of [`OCTAVE_BITS`], but for a
     /// summand that all have in common; its octave rounded down is the one to take.
     fn logarithms_of_shares(&self, errors: &[f64]) -> Vec<i32> {
@@ -488,6 +494,20 @@ mod tests {
         assert_eq!(numbers(shared.part(8, 8)), whole);
         let quarter = [(vec![0], 2, 2), (vec![2], 4, 1), (vec![0], 4, 2), (vec![3], 8, 6)];
         assert_eq!(numbers(shared.part(2, 8)), quarter);
+    }
+
+    /// Without a decision each pixel doubles its samples, a part at a time.
+    #[test]
+    fn numbers_of_samples_are_doubled() {
+        let mut shared = pixels(4, 1, 100);
+        shared.samples = vec![2, 4, 4, 8];
+        shared.next.clear();
+        shared.double();
+        assert!(!shared.is_complete());
+        assert_eq!(add_part(&mut shared, 1, 4), [(1, 2, 1), (2, 4, 1), (1, 8, 2)]);
+        assert_eq!(shared.samples, [3, 5, 5, 10]);
+        add_part(&mut shared, 3, 5);
+        assert!(shared.is_complete() && shared.samples == [4, 8, 8, 16], "{:?}", shared.samples);
     }
 
     /// Without noise anywhere all pixels get the same, and so does a single pixel.

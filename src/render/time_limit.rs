@@ -55,17 +55,16 @@ impl Renderer<'_> {
     /// As [`Renderer::render_batch`].
     pub fn render_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
         let start = Instant::now();
-        let expected = self.expected();
-        if expected.is_some_and(|expected| expected.of(1) > seconds) {
+        if !self.has_time_for_sample(seconds) {
             return Ok(None);
         }
         self.refine_within(seconds)?;
         let left = seconds - start.elapsed().as_secs_f64();
-        let limit = expected.map_or(1, |expected| expected.fitting(left));
-        if limit == 0 {
+        if !self.has_time_for_sample(left) {
             // Better indirect light took longer than expected.
             return Ok(None);
         }
+        let limit = self.expected().map_or(1, |expected| expected.fitting(left));
         let spp = self.samples.saturating_add(limit / MARGIN_FOR_KERNELS).min(self.settings.image.spp);
         self.add_samples(limit, spp).map(Some)
     }
@@ -84,6 +83,16 @@ impl Renderer<'_> {
             }
         }
         self.render_batch().map(Some)
+    }
+
+    /// Whether one more sample is expected to end within `seconds`; the first one always has time. If the decision on
+    /// which pixels get it has no time, each gets as many more as it has: that needs no estimates of the noise.
+    fn has_time_for_sample(&mut self, seconds: f64) -> bool {
+        let fits = |renderer: &Self| renderer.expected().is_none_or(|expected| expected.of(1) <= seconds);
+        if !fits(self) && self.is_to_share() {
+            self.keep_shares();
+        }
+        fits(self)
     }
 
     /// What the next samples are expected to take; none before the first batch.
