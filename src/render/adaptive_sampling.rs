@@ -138,13 +138,6 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// Has pixels share further samples out as they shared those so far.
-    pub(super) fn keep_shares(&mut self) {
-        if let Some(blocks) = &mut self.blocks {
-            blocks.double();
-        }
-    }
-
     /// The relMSE of the raw image by what its samples do not share, where noise tells which pixels get samples.
     pub(super) fn noise_of_samples(&mut self) -> Result<Option<f64>> {
         if !self.settings.image.shares_samples() || self.samples < 2 {

@@ -182,8 +182,12 @@ impl Blocks {
 
     /// Gives each block as many samples more as it has.
     pub fn double(&mut self) {
-        let double = |block: u32| Next { block, target: self.samples[block as usize].saturating_mul(2) };
-        self.next = self.in_order().map(double).collect();
+        self.next = self.in_order().map(|block| self.doubled(block, u32::MAX)).collect();
+    }
+
+    /// The block with twice the samples that it has, and no more than `spp`.
+    fn doubled(&self, block: u32, spp: u32) -> Next {
+        Next { block, target: self.samples[block as usize].saturating_mul(2).min(spp) }
     }
 
     /// For each pixel the logarithm to base 2 of its share of the samples, in units of [`OCTAVE_BITS`], but for a
@@ -216,8 +220,7 @@ impl Blocks {
         let end = wanted.partition_point(|block| gain(*block) >= ROUND_GAIN * best).max(min_count);
         wanted.truncate(end);
         wanted.sort_by_key(|block| (self.samples[*block as usize], *block));
-        let double = |block: u32| Next { block, target: self.samples[block as usize].saturating_mul(2).min(spp) };
-        self.next = wanted.into_iter().map(double).collect();
+        self.next = wanted.into_iter().map(|block| self.doubled(block, spp)).collect();
     }
 
     /// All blocks, those of equal numbers of samples together.

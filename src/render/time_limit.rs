@@ -55,12 +55,12 @@ impl Renderer<'_> {
     /// As [`Renderer::render_batch`].
     pub fn render_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
         let start = Instant::now();
-        if !self.has_time_for_sample(seconds) {
+        if !self.fit_sample(seconds) {
             return Ok(None);
         }
         self.refine_within(seconds)?;
         let left = seconds - start.elapsed().as_secs_f64();
-        if !self.has_time_for_sample(left) {
+        if !self.fit_sample(left) {
             // Better indirect light took longer than expected.
             return Ok(None);
         }
@@ -85,14 +85,17 @@ impl Renderer<'_> {
         self.render_batch().map(Some)
     }
 
-    /// Whether one more sample is expected to end within `seconds`; the first one always has time. If the decision on
-    /// which pixels get it has no time, each gets as many more as it has: that needs no estimates of the noise.
-    fn has_time_for_sample(&mut self, seconds: f64) -> bool {
-        let fits = |renderer: &Self| renderer.expected().is_none_or(|expected| expected.of(1) <= seconds);
-        if !fits(self) && self.is_to_share() {
-            self.keep_shares();
+    /// Whether one more sample is expected to end within `seconds`; the first one always has time. If only the decision
+    /// on which pixels get it does not fit, it is left out: each pixel gets as many more as it has.
+    fn fit_sample(&mut self, seconds: f64) -> bool {
+        if self.expected().is_none_or(|expected| expected.of(1) <= seconds) {
+            return true;
         }
-        fits(self)
+        let fits_alone = self.is_to_share() && self.seconds_of_sample().is_some_and(|sample| sample <= seconds);
+        if let Some(blocks) = self.blocks.as_mut().filter(|_| fits_alone) {
+            blocks.double();
+        }
+        fits_alone
     }
 
     /// What the next samples are expected to take; none before the first batch.

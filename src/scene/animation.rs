@@ -1,7 +1,8 @@
 //! Animations, and the document in the pose of a moment.
 //!
 //! Every animation is checked, whether it is played or not. The values at a moment take the place of those in the
-//! document, which import then reads as any other: transforms, weights of morph targets, cameras, lights and materials.
+//! document, which import then reads as any other: transforms, weights of morph targets, cameras, lights, materials,
+//! and which nodes are shown.
 
 use std::collections::HashMap;
 

@@ -70,6 +70,19 @@ fn without_time_there_is_one_sample() {
     assert!(image.rgb().unwrap().iter().all(|channel| channel.iter().all(|x| x.is_finite())));
 }
 
+/// A render that had no time for a sample goes on as one that was not asked, also where pixels share samples out.
+#[test]
+fn no_time_changes_no_bit() {
+    let settings = settings(8).with(|s| s.image.sampling = Sampling::Adaptive);
+    let (mut asked, mut free) = (renderer(&settings), renderer(&settings));
+    while free.samples() < 8 {
+        free.render_batch().unwrap();
+        asked.render_batch().unwrap();
+        assert!(asked.render_within(0.0).unwrap().is_none());
+    }
+    assert_same(&asked.image().unwrap(), &free.image().unwrap(), "after no time");
+}
+
 /// With little time samples are added, with the gather rays that there are: more of them take many times as long. Once
 /// there is time they come.
 #[test]
