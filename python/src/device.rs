@@ -102,6 +102,10 @@ pub fn open(choice: &DeviceChoice) -> penumbra::Result<Shared> {
 pub fn open_anew(choice: &DeviceChoice) -> penumbra::Result<Device> {
     let device = Device::open(choice)?;
     device.keep_kernels();
+    // That of the program.
+    if let Some(folder) = dirs::cache_dir() {
+        device.keep_composed(folder.join("penumbra").join("kernels"));
+    }
     Ok(device)
 }
 

@@ -2,6 +2,7 @@
 //!
 //! Results (a plan, devices, measures) go to stdout; errors, notes and progress to stderr.
 
+mod cache;
 mod check;
 mod child;
 mod compare;

@@ -23,7 +23,7 @@ use super::interrupt::Interrupt;
 use super::options::{
     DeviceOptions, EntrantParser, OidnOptions, SceneOptions, SettingsOptions, positive, read_reference,
 };
-use super::{Ending, json, say};
+use super::{Ending, cache, json, say};
 
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
@@ -505,10 +505,9 @@ impl Arguments {
     }
 
     fn cache(&self) -> Result<PathBuf> {
-        let own = || dirs::cache_dir().map(|folder| folder.join("penumbra"));
         self.cache
             .clone()
-            .or_else(own)
+            .or_else(cache::folder)
             .ok_or_else(|| Error::Usage("the user has no cache folder: --cache names one".into()))
     }
 }

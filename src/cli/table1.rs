@@ -9,7 +9,7 @@ use penumbra::internal::report::table1::{Comparison, Options, SCENES, TECHNIQUES
 use penumbra::{Result, Technique};
 
 use super::progress::{Display, Goal};
-use super::{Ending, print, say};
+use super::{Ending, cache, print, say};
 
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
@@ -44,7 +44,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let options = Options { width, spp, paper_counting };
     SCENES[0].settings(Technique::PATH, &options).check()?;
     arguments.html.iter().try_for_each(film::check_target)?;
-    let gpu = Gpu::open(&arguments.device)?;
+    let gpu = cache::with_kernels(Gpu::open(&arguments.device)?);
     let mut comparisons = Vec::new();
     for scene in &SCENES {
         let render = |technique| {

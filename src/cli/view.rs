@@ -15,7 +15,7 @@ use penumbra::{Camera, Denoiser, Error, Result, Scene};
 use super::options::{
     DeviceOptions, OidnOptions, PartOptions, RenderOptions, SceneOptions, denoisers, finite, positive,
 };
-use super::{CommandLine, Ending, flags, print, say};
+use super::{CommandLine, Ending, cache, flags, print, say};
 
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
@@ -86,6 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         choices,
         follows_window: !arguments.settings.has_size(),
         device: arguments.device.choice(),
+        kernels: cache::kernels(),
         // Nobody may read it.
         copied: Box::new(|command| _ = print(&format!("{command}\n"))),
     };

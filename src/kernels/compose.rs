@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::LazyLock;
 
-use kernel_kit::{Composed, Composer, Feature as _, embed};
+use kernel_kit::{Composed, Composer, Feature as _, Gpu, embed};
 
 use super::constants;
 use super::each::expand_each;
@@ -67,8 +67,15 @@ fn named_from(kernel: &str, names: &BTreeMap<&str, Names>) -> BTreeSet<Feature> 
 }
 
 /// Whether `shaders/<kernel>.wgsl` may depend on the feature. If not, it is the same with and without it.
-pub fn depends_on(kernel: &str, feature: Feature) -> bool {
+fn depends_on(kernel: &str, feature: Feature) -> bool {
     NAMED.get(kernel).is_none_or(|named| named.contains(&feature))
+}
+
+/// Those of the features on which a kernel may depend: with these alone it is the same.
+pub fn features_of(kernel: &str, features: &Features) -> Features {
+    let mut own = features.clone();
+    features.iter().filter(|feature| !depends_on(kernel, *feature)).for_each(|feature| own.set(feature, false));
+    own
 }
 
 /// The composer with the functions of procedural objects.
@@ -82,6 +89,14 @@ fn composer(features: &Features) -> Composer {
 /// [`crate::Error::Kernel`] with the composer's or the validator's words.
 pub fn compose(kernel: &str, features: &Features) -> Result<Composed> {
     Ok(composer(features).compose(kernel, features.kit())?)
+}
+
+/// As [`compose`], from the device's folder of kernels if it has one ([`Gpu::keep_composed`]).
+///
+/// # Errors
+/// As [`compose`].
+pub fn compose_for(gpu: &Gpu, kernel: &str, features: &Features) -> Result<Composed> {
+    Ok(gpu.compose(&composer(features), kernel, features.kit())?)
 }
 
 /// Composes a kernel from its source; it imports the shipped modules as `package::lib::<module>`.

@@ -11,7 +11,7 @@ pub(crate) mod light_texels;
 mod numbers;
 pub(crate) mod scene_texels;
 
-pub use compose::{compose, compose_source, depends_on, kernel_stems};
+pub use compose::{compose, compose_for, compose_source, features_of, kernel_stems};
 pub use constants::constant;
 pub use each::expand_each;
 pub use grid_shape::GridShape;

@@ -29,7 +29,7 @@ use crate::Result;
 use crate::gpu_scene::light_buffer::BufferedLight;
 use crate::gpu_scene::lights::LightBindings;
 use crate::gpu_scene::{CameraUniform, SceneBindings};
-use crate::kernels::{GridShape, NOT_SAMPLED, compose, depends_on};
+use crate::kernels::{GridShape, NOT_SAMPLED, compose_for, features_of};
 use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::surface_vectors;
 
@@ -134,11 +134,12 @@ pub(crate) fn kernel(
     constants: &[(&str, f64)],
     own: &[Declared],
 ) -> Result<Kernel> {
+    let vectors = surface_vectors(features);
     // Renders that differ in other features share the kernel.
-    let named: Vec<Feature> = features.iter().filter(|feature| depends_on(stem, *feature)).collect();
-    let (functions, vectors) = (features.functions(), surface_vectors(features));
-    Kernel::kept(gpu, &format!("{stem} {named:?} {functions:?} {vectors} {constants:?}"), || {
-        let composed = compose(stem, features)?;
+    let features = &features_of(stem, features);
+    let named: Vec<Feature> = features.iter().collect();
+    Kernel::kept(gpu, &format!("{stem} {named:?} {:?} {vectors} {constants:?}", features.functions()), || {
+        let composed = compose_for(gpu, stem, features)?;
         let constants = &composed.overrides(&[constants, &[("surface_vectors", f64::from(vectors))]].concat());
         let opaque = &[("VisibleSurface", size_of::<[f32; 4]>() * vectors as usize)];
         Ok(Kernel::new(gpu, &composed, &Host { constants, shared: SHARED, opaque, own, common: Some(COMMON) })?)

@@ -35,6 +35,8 @@ pub struct Program {
     pub follows_window: bool,
     /// The device.
     pub device: (DeviceChoice, DeviceLimits),
+    /// The folder that keeps composed kernels.
+    pub kernels: Option<PathBuf>,
     /// Gets each command that is copied.
     pub copied: Box<dyn Fn(&str)>,
 }
@@ -142,7 +144,7 @@ struct View {
 
 impl View {
     fn open(events: &ActiveEventLoop, program: Program, proxy: EventLoopProxy<Event>) -> Result<View> {
-        let Program { source, file, scene, choices, follows_window, device, copied } = program;
+        let Program { source, file, scene, choices, follows_window, device, kernels, copied } = program;
         let image = &choices.settings.image;
         let [width, height] = if follows_window { SIZE } else { [image.width, image.height].map(f64::from) };
         let attributes = Window::default_attributes()
@@ -155,7 +157,11 @@ impl View {
         let (choice, limits) = device;
         let open = {
             let instance = instance.clone();
-            move || -> Result<Arc<Gpu>> { Ok(Arc::new(Gpu::open_in(&instance, &choice, limits)?)) }
+            move || -> Result<Arc<Gpu>> {
+                let gpu = Gpu::open_in(&instance, &choice, limits)?;
+                kernels.iter().for_each(|folder| gpu.keep_composed(folder.clone()));
+                Ok(Arc::new(gpu))
+            }
         };
         let gpu = open()?;
         let size = window.inner_size();

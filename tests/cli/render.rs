@@ -56,6 +56,35 @@ fn one_render_goes_to_several_files_by_their_extensions() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 4, "something was left behind");
 }
 
+/// Composed kernels are kept in the user's cache folder, and what the next render finds there is what it uses. A kernel
+/// of which nothing is left, and a folder that cannot be made, change nothing.
+#[cfg(target_os = "linux")]
+#[test]
+fn kernels_are_kept_for_the_next_render() {
+    let folder = folder();
+    let (cache, image) = (folder.path().join("cache"), folder.path().join("a.exr"));
+    fs::create_dir(&cache).unwrap();
+    let render = || {
+        let arguments = format!("render --device {} --width 8 --height 8 --spp 1 --technique path", device());
+        let outcome = Answer::of(penumbra(&arguments, &[&BOX]).arg("-o").arg(&image).env("XDG_CACHE_HOME", &cache));
+        outcome.assert_done();
+        (outcome.stderr, fs::read(&image).unwrap())
+    };
+    let (_, first) = render();
+    let kernels = cache.join("penumbra").join("kernels");
+    let files: Vec<_> = fs::read_dir(&kernels).unwrap().map(|file| file.unwrap().path()).collect();
+    assert!(files.len() >= 3, "{files:?}");
+    let texts = || files.iter().map(|file| fs::read_to_string(file).unwrap()).collect::<Vec<_>>();
+    let written = texts();
+    files.iter().for_each(|file| fs::write(file, "").unwrap());
+    assert!(render().1 == first);
+    assert_eq!(texts(), written);
+    fs::remove_dir_all(cache.join("penumbra")).unwrap();
+    fs::write(cache.join("penumbra"), "a file in the place of the folder").unwrap();
+    let (said, third) = render();
+    assert!(third == first && !said.contains("cache"), "{said}");
+}
+
 #[test]
 fn the_requested_channels_are_written() {
     let folder = folder();

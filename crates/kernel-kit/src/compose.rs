@@ -8,6 +8,7 @@ use std::str::FromStr;
 use wgpu::naga;
 
 use crate::buffer::{TABLE_LAYER_ROWS, TABLE_WIDTH};
+use crate::digest::digest;
 use crate::error::{Error, Result, one_line};
 use crate::feature::{Feature, Features};
 
@@ -26,7 +27,22 @@ const INTERLEAVE: &str = "interleave";
 /// devices that give each half to a thread.
 #[derive(Clone, Debug)]
 pub struct Composer {
-    modules: BTreeMap<String, Cow<'static, str>>,
+    modules: BTreeMap<String, Module>,
+}
+
+/// A module that kernels import from.
+#[derive(Clone, Debug)]
+struct Module {
+    text: Cow<'static, str>,
+    /// Of the text: taken once, for all kernels that are looked for in a folder.
+    digest: u128,
+}
+
+impl Module {
+    fn new(text: Cow<'static, str>) -> Module {
+        let digest = digest(&[&text]);
+        Module { text, digest }
+    }
 }
 
 impl Default for Composer {
@@ -51,7 +67,7 @@ impl Composer {
     /// With the module or kernel `path` (`/` between its parts, no extension), in place of one of the same path.
     #[must_use]
     pub fn with_module(mut self, path: impl Into<String>, wgsl: impl Into<Cow<'static, str>>) -> Self {
-        self.modules.insert(path.into(), wgsl.into());
+        self.modules.insert(path.into(), Module::new(wgsl.into()));
         self
     }
 
@@ -66,7 +82,7 @@ impl Composer {
                 let path = file.path().with_extension("");
                 let is_wgsl = file.path().extension().is_some_and(|e| e == "wgsl" || e == "wesl");
                 if let (true, Some(path), Some(text)) = (is_wgsl, path.to_str(), file.contents_utf8()) {
-                    self.modules.insert(path.replace('\\', "/"), Cow::Borrowed(text));
+                    self.modules.insert(path.replace('\\', "/"), Module::new(Cow::Borrowed(text)));
                 }
             }
         }
@@ -75,7 +91,14 @@ impl Composer {
 
     /// The modules and kernels by path.
     pub fn modules(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.modules.iter().map(|(path, text)| (path.as_str(), &**text))
+        self.modules.iter().map(|(path, module)| (path.as_str(), &*module.text))
+    }
+
+    /// 128 bits that tell kernels apart: by the kernel, by all modules, which it may import, and by the features.
+    pub(crate) fn key<F: Feature>(&self, kernel: &str, features: &Features<F>) -> u128 {
+        let modules = self.modules.iter().map(|(path, module)| format!("{path} {:x}\n", module.digest));
+        let switches = F::ALL.iter().map(|feature| format!("{} {}\n", feature.name(), features.has(*feature)));
+        digest(&[kernel, &modules.collect::<String>(), &switches.collect::<String>()])
     }
 
     /// Composes the kernel `path`, which is one of the modules.
@@ -84,9 +107,9 @@ impl Composer {
     /// [`Error::Kernel`] if there is none, with the composer's or the validator's words, or for an `@if` on what is
     /// none of the features `F`.
     pub fn compose<F: Feature>(&self, path: &str, features: &Features<F>) -> Result<Composed> {
-        let source = self.modules.get(path);
-        let source = source.ok_or_else(|| Error::kernel(path, "the composer has no module of this path"))?;
-        self.compose_source(path, source, features)
+        let module = self.modules.get(path);
+        let module = module.ok_or_else(|| Error::kernel(path, "the composer has no module of this path"))?;
+        self.compose_source(path, &module.text, features)
     }
 
     /// Composes a kernel from its source. `name` is what errors and timings call it.
@@ -120,7 +143,7 @@ impl Composer {
 
 /// Finds the modules of a composer, and the kernel that is composed.
 struct Sources<'c> {
-    modules: &'c BTreeMap<String, Cow<'static, str>>,
+    modules: &'c BTreeMap<String, Module>,
     root: &'c wesl::ModulePath,
     source: &'c str,
 }
@@ -133,7 +156,7 @@ impl wesl::Resolver for Sources<'_> {
         let own = matches!(path.origin, wesl::syntax::PathOrigin::Absolute);
         let module = self.modules.get(&path.components.join("/")).filter(|_| own);
         let missing = || wesl::ResolveError::ModuleNotFound(path.clone(), "the composer has none of this path".into());
-        module.ok_or_else(missing).and_then(|text| read(text))
+        module.ok_or_else(missing).and_then(|module| read(&module.text))
     }
 }
 

@@ -1,11 +1,15 @@
 //! An open device.
 
 use std::fmt;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 use crate::adapted;
 use crate::adapter::{self, DeviceChoice, DeviceInfo, DeviceLimits};
+use crate::compose::{Composed, Composer};
 use crate::error::{Error, Result, one_line};
+use crate::feature::{Feature, Features};
+use crate::kernel_folder::KernelFolder;
 use crate::pace::Pace;
 use crate::pipeline::{Kept, Undispatched};
 use crate::slices::Slicer;
@@ -37,6 +41,7 @@ pub struct Gpu {
     timer: Mutex<Timer>,
     undispatched: Mutex<Vec<Undispatched>>,
     kept: Mutex<Option<Kept>>,
+    folder: OnceLock<KernelFolder>,
     watch: Mutex<Option<Watch>>,
     fault: Arc<Mutex<Option<Fault>>>,
 }
@@ -161,6 +166,7 @@ impl Gpu {
             timer,
             undispatched: Mutex::default(),
             kept: Mutex::default(),
+            folder: OnceLock::new(),
             watch: Mutex::default(),
             fault,
         }
@@ -180,6 +186,23 @@ impl Gpu {
     /// programs that need the same kernels for one scene after another.
     pub fn keep_kernels(&self) {
         self.kept().get_or_insert_default();
+    }
+
+    /// From now on [`Gpu::compose`] keeps what it composes in a folder, for later processes. The first folder stays.
+    pub fn keep_composed(&self, folder: impl Into<PathBuf>) {
+        self.folder.get_or_init(|| KernelFolder::new(folder.into()));
+    }
+
+    /// As [`Composer::compose`], from the device's folder if it has one and the kernel is there
+    /// ([`Gpu::keep_composed`]).
+    ///
+    /// # Errors
+    /// As [`Composer::compose`].
+    pub fn compose<F: Feature>(&self, composer: &Composer, kernel: &str, features: &Features<F>) -> Result<Composed> {
+        match self.folder.get() {
+            Some(folder) => folder.compose(composer, kernel, features),
+            None => composer.compose(kernel, features),
+        }
     }
 
     /// Has [`Gpu::compile_ahead`] tell `watch` from now on how many kernels the driver has translated, from any thread.

@@ -14,6 +14,8 @@ use penumbra::internal::report::reference::Reference;
 use penumbra::settings::Denoise;
 use penumbra::{Denoiser, Error, Image, Result, Settings};
 
+use super::cache;
+
 pub use scene::{SceneOptions, Surroundings};
 pub use settings::{PartOptions, RenderOptions, SettingsOptions};
 pub use values::{EntrantParser, denoisers, finite, positive};
@@ -42,9 +44,9 @@ impl DeviceOptions {
         (self.device.clone(), self.device_limits)
     }
 
-    /// As [`Gpu::open_with`].
+    /// As [`Gpu::open_with`], with the user's folder of kernels.
     pub fn open(&self) -> Result<Gpu> {
-        Ok(Gpu::open_with(&self.device, self.device_limits)?)
+        Ok(cache::with_kernels(Gpu::open_with(&self.device, self.device_limits)?))
     }
 }
 

@@ -1,0 +1,23 @@
+//! The user's cache folder: references of reports, and kernels that were composed.
+
+use std::path::PathBuf;
+
+use kernel_kit::Gpu;
+
+/// What Penumbra may keep for later commands; none if the user has no cache folder.
+pub fn folder() -> Option<PathBuf> {
+    dirs::cache_dir().map(|folder| folder.join("penumbra"))
+}
+
+/// The folder of composed kernels.
+pub fn kernels() -> Option<PathBuf> {
+    folder().map(|folder| folder.join("kernels"))
+}
+
+/// The device, which takes kernels from [`kernels`] and keeps them there.
+pub fn with_kernels(gpu: Gpu) -> Gpu {
+    if let Some(folder) = kernels() {
+        gpu.keep_composed(folder);
+    }
+    gpu
+}
