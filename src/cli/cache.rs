@@ -1,4 +1,4 @@
-//! The user's cache folder: references of reports, and kernels that were composed.
+//! The user's cache folder: references of reports, kernels that were composed, and times of first samples.
 
 use std::path::PathBuf;
 

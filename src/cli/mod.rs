@@ -7,6 +7,7 @@ mod check;
 mod child;
 mod compare;
 mod devices;
+mod first_samples;
 mod flags;
 mod interrupt;
 mod merge;

@@ -1,7 +1,8 @@
 //! The progress of a render: a bar on a terminal, otherwise a line now and then.
 
 use std::io::{self, IsTerminal};
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -92,9 +93,12 @@ impl Drop for Target {
 }
 
 /// Shows from now on how many kernels the driver has compiled, where it has not compiled them before.
-pub fn show_compilation(gpu: &Gpu, quiet: bool) {
+pub fn show_compilation(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
+    let is_compiled = Arc::new(AtomicBool::new(false));
+    let compiles = is_compiled.clone();
     let shown: Mutex<Option<(Instant, Target)>> = Mutex::default();
     gpu.watch_compilation(move |compilation| {
+        compiles.store(true, Ordering::Relaxed);
         let mut shown = shown.lock().unwrap_or_else(|e| e.into_inner());
         let (started, target) = shown.get_or_insert_with(|| (Instant::now(), Target::new(quiet)));
         let Compilation { done, all } = compilation;
@@ -103,6 +107,7 @@ pub fn show_compilation(gpu: &Gpu, quiet: bool) {
             *shown = None;
         }
     });
+    is_compiled
 }
 
 impl Display {

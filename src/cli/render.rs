@@ -2,6 +2,8 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use std::{env, fs, process, thread};
 
@@ -12,10 +14,11 @@ use penumbra::internal::render::recovery::{self, Failure, Salvage};
 use penumbra::internal::report::estimate;
 use penumbra::internal::report::metrics::Measures;
 use penumbra::internal::report::reference::Reference;
-use penumbra::internal::techniques::auto::Choice;
+use penumbra::internal::techniques::auto::{Choice, expected_first_sample};
 use penumbra::settings::Denoise;
-use penumbra::{Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings, Statistics};
+use penumbra::{Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings, Statistics, Technique};
 
+use super::first_samples::FirstSamples;
 use super::flags::with_flags;
 use super::interrupt::Interrupt;
 use super::names::check_names;
@@ -126,7 +129,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     if let Some(problem) = &no_denoiser {
         notes.say(&[format!("{}; the image stays raw", with_flags(&problem.to_string()))]);
     }
-    prepare(&gpu, arguments.quiet);
+    let is_compiled = prepare(&gpu, arguments.quiet);
     let pixels = u64::from(settings.image.part().width) * u64::from(settings.image.part().height);
     if let Some(time) = arguments.time.filter(|_| arguments.denoise.is_none() && arguments.noise.is_none())
         && denoiser.fit(&gpu, pixels, DENOISED_SHARE * time.as_secs_f64())
@@ -138,9 +141,15 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     }
     let denoising = Duration::from_secs_f64(denoiser.seconds(&gpu, pixels));
     let sampling = arguments.time.map(|time| time.saturating_sub(denoising));
+    let mut first_sample = None;
     if arguments.settings.is_automatic() {
-        let within = sampling.map(|time| time.as_secs_f64());
-        let Choice { technique, reason, sampling } = Choice::new(&gpu, &scene, &camera, &settings, within);
+        let within = sampling.map(|time| time.as_secs_f64() - started.elapsed().as_secs_f64());
+        let others = FirstSamples::of(&gpu);
+        let slowness = others.slowness();
+        let Choice { technique, reason, sampling } = Choice::new(&gpu, &scene, &camera, &settings, within, slowness);
+        first_sample = expected_first_sample(&gpu, &scene, &camera, &settings)
+            .filter(|_| technique == Technique::default())
+            .map(|expected| FirstSample { expected, others, begun: Instant::now(), is_compiled });
         settings.technique = technique;
         // An image with a checkpoint has the bits of one without a time.
         if arguments.settings.leaves_sampling() && arguments.checkpoint.is_none() {
@@ -160,6 +169,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         sampling,
         spp: settings.image.range().count(),
         announced: false,
+        first_sample,
         notes,
         stopped: false,
         files: arguments.files(None),
@@ -180,11 +190,12 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     end(session.stopped, no_denoiser)
 }
 
-/// Prepares a device that was opened: samples with photons use kernels of those without, frames of a sequence those of
-/// the first, and denoisers those that were compiled beside the renderer's.
-fn prepare(gpu: &Gpu, quiet: bool) {
+/// Prepares a device that was opened, and tells whether the driver has compiled kernels for it. Samples with photons
+/// use kernels of those without, frames of a sequence those of the first, and denoisers those that were compiled beside
+/// the renderer's.
+fn prepare(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
     gpu.keep_kernels();
-    show_compilation(gpu, quiet);
+    show_compilation(gpu, quiet)
 }
 
 /// The end of a render whose images are written.
@@ -217,12 +228,34 @@ struct Session<'a> {
     spp: u32,
     /// The user has been told that the render has begun.
     announced: bool,
+    /// None once it is there, or where nothing can be told from it.
+    first_sample: Option<FirstSample>,
     notes: Notes,
     /// The render was stopped by a signal or a fault.
     stopped: bool,
     files: Files,
     /// That of a frame of a sequence, of which only complete images are written.
     fingerprint: Option<String>,
+}
+
+/// A first sample that tells how fast the machine is.
+struct FirstSample {
+    /// Seconds.
+    expected: f64,
+    /// Those before.
+    others: FirstSamples,
+    begun: Instant,
+    /// The driver has compiled kernels meanwhile.
+    is_compiled: Arc<AtomicBool>,
+}
+
+impl FirstSample {
+    /// Remembers it, now that it is there.
+    fn end(self) {
+        if !self.is_compiled.load(Ordering::Relaxed) {
+            self.others.add(self.begun.elapsed().as_secs_f64() / self.expected);
+        }
+    }
 }
 
 /// The files of an image.
@@ -379,6 +412,11 @@ impl Session<'_> {
             };
             let Some(progress) = progress else { break None };
             display.update(&progress);
+            if let Some(first) = self.first_sample.take()
+                && progress.samples == 1
+            {
+                first.end();
+            }
             if self.interrupt.raised() {
                 break None;
             }

@@ -18,6 +18,7 @@ use penumbra::internal::report::run::{Run, Starter, Subject};
 use penumbra::internal::report::sweep::{self, Sweep};
 use penumbra::{Camera, Error, Result, Scene, Settings, Technique};
 
+use super::first_samples::FirstSamples;
 use super::flags::with_flags;
 use super::interrupt::Interrupt;
 use super::options::{
@@ -125,7 +126,14 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let given = arguments.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
     let gpu = arguments.device.open()?;
     let _folder = arguments.folder()?;
-    let mut bench = Bench { arguments, scene: &scene, camera: &camera, settings: &settings, gpu };
+    let mut bench = Bench {
+        arguments,
+        scene: &scene,
+        camera: &camera,
+        settings: &settings,
+        slowness: FirstSamples::of(&gpu).slowness(),
+        gpu,
+    };
     let folder = cache_folder(&cache, &bench.subject());
 
     interrupt.defer();
@@ -253,16 +261,19 @@ struct Bench<'a> {
     camera: &'a Camera,
     settings: &'a Settings,
     gpu: Gpu,
+    slowness: f64,
 }
 
 impl Bench<'_> {
     fn subject(&self) -> Subject<'_> {
-        Subject { gpu: &self.gpu, scene: self.scene, camera: self.camera, settings: self.settings }
+        let Bench { scene, camera, settings, ref gpu, slowness, .. } = *self;
+        Subject { gpu, scene, camera, settings, slowness }
     }
 
     /// Runs `work`. If the device is lost, runs it again from its start on another one.
     fn on<T>(&mut self, mut work: impl FnMut(&Subject<'_>) -> Result<T>) -> Result<T> {
-        let Bench { arguments, scene, camera, settings, gpu } = self;
+        let Bench { arguments, scene, camera, settings, gpu, slowness } = self;
+        let slowness = *slowness;
         let lost = gpu.info.clone();
         let open = || {
             let gpu = arguments.device.open()?;
@@ -273,7 +284,7 @@ impl Bench<'_> {
                 .tell(format!("note: the device was lost; the current step starts again on another {}", lost.name));
             Ok(gpu)
         };
-        recovery::anew(gpu, open, |gpu| work(&Subject { gpu, scene, camera, settings }))
+        recovery::anew(gpu, open, |gpu| work(&Subject { gpu, scene, camera, settings, slowness }))
     }
 
     /// The reference: `given`, or one made by path tracing and kept in `folder`. `None` after a signal.

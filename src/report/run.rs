@@ -27,6 +27,8 @@ pub struct Subject<'a> {
     pub camera: &'a Camera,
     /// Settings of all renders, except for technique, denoiser, seed and samples.
     pub settings: &'a Settings,
+    /// How many times as long as expected first samples take on this machine: 1 where nothing is known.
+    pub slowness: f64,
 }
 
 impl<'a> Subject<'a> {
@@ -167,7 +169,7 @@ impl Starter {
 
     /// The settings for an image whose samples are to end `within` so many seconds, on which a choice depends.
     fn settings(&self, subject: &Subject<'_>, seed: u32, within: f64) -> Settings {
-        let Subject { gpu, scene, camera, settings } = *subject;
+        let Subject { gpu, scene, camera, settings, slowness } = *subject;
         let settings = settings.clone().with(|s| {
             s.image.denoise = self.denoiser.choice();
             s.image.seed = seed;
@@ -177,7 +179,7 @@ impl Starter {
         if let Some(technique) = self.technique {
             return settings.with(|s| s.technique = technique);
         }
-        let Choice { technique, sampling, .. } = Choice::after_import(gpu, scene, camera, &settings, within);
+        let Choice { technique, sampling, .. } = Choice::new(gpu, scene, camera, &settings, Some(within), slowness);
         settings.with(|s| (s.technique, s.image.sampling) = (technique, sampling))
     }
 }

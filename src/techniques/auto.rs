@@ -2,7 +2,7 @@
 
 use kernel_kit::Gpu;
 
-use super::view_sketch::shows_a_model_by_itself;
+use super::view_sketch::{shows_a_model_by_itself, shows_the_open};
 use crate::scene::{Camera, Light, LightKind, Scene};
 use crate::settings::{
     Aov, IrradianceCacheSettings, Sampling, Settings, ShadowRaySettings, Technique, VisibilityMapSettings,
@@ -21,12 +21,10 @@ pub struct Choice {
     pub sampling: Sampling,
 }
 
-/// What the first sample of the default technique takes on a software device of two cores, in seconds. Fitted to the
-/// scenes of `scenes/` at 128, 256 and 512 pixels each way, with kernels compiled before (docs/decisions.md, "A
-/// technique for the time").
+/// What the first sample of the default technique takes on a software device of two cores once the scene is imported,
+/// in seconds. Fitted to the scenes of `scenes/` at 128, 256 and 512 pixels each way, with kernels compiled before
+/// (docs/decisions.md, "A technique for the time").
 mod seconds {
-    /// Opening the device, reading and writing files.
-    pub const FILES: f64 = 0.1;
     /// Composing kernels of Lambertian surfaces.
     pub const KERNELS: f64 = 0.26;
     /// More for kernels with glossy lobes.
@@ -46,38 +44,43 @@ mod seconds {
     /// More for each doubling of the triangles.
     pub const SHADOW_RAY_LEVEL: f64 = 8e-9;
     /// Photons that tell which lights reach a zone, for each of many lights.
-    pub const LIGHT_OF_ZONES: f64 = 7e-4;
+    pub const LIGHT_OF_ZONES: f64 = 1.2e-3;
 }
 
 /// Cores for which these were measured.
 const MEASURED_CORES: f64 = 2.0;
 
-/// The default technique is tried where there is so many times the expected time of its first sample. Where that just
-/// fits, `path` has up to four times its error; and what is expected is more often too long than too short.
-const MIN_TIMES: f64 = 0.95;
+/// The default technique is tried where there is so many times the expected time of its first sample: in rooms that one
+/// has a twentieth of the error that `path` has by then, which is worth to be late by a tenth of the time.
+const MIN_TIMES: f64 = 0.9;
+
+/// As [`MIN_TIMES`], in the open. A single sample of the crowd has 4.5 times the error of the eight of `path` that are
+/// there by then, one of the ball about the same as eleven; the samples after it take little time.
+const MIN_TIMES_IN_THE_OPEN: f64 = 1.2;
 
 /// Pixels share samples out where there is so many times the expected time of the first sample. In less time hardly
 /// more than four samples fit, and the estimates that tell who gets them, each of which takes half as long as a sample,
 /// cost as much as they gain.
-const MIN_TIMES_TO_SHARE: f64 = 2.25;
+const MIN_TIMES_TO_SHARE: f64 = 2.6;
 
 /// For a model by itself `path` has less error, or about the same, up to about so many times the expected time of the
 /// first sample of the default technique (docs/decisions.md, "Models by themselves").
-const MAX_TIMES_OF_PATHS: f64 = 4.0;
+const MAX_TIMES_OF_PATHS: f64 = 5.0;
 
-/// As [`MAX_TIMES_OF_PATHS`], where a panorama is the only light. At about twenty times `path` has 0.7 to 0.95 of the
-/// error, and at fifty about the same.
-const MAX_TIMES_OF_PATHS_UNDER_A_SKY: f64 = 20.0;
+/// As [`MAX_TIMES_OF_PATHS`], where a panorama is the only light. At about so many times `path` has 0.7 to 0.95 of the
+/// error, and at sixty about the same.
+const MAX_TIMES_OF_PATHS_UNDER_A_SKY: f64 = 25.0;
 
-/// Samples of `path` that a model by itself has in the expected time of the first sample of the default technique: 6 to
-/// 13 with times of 4 to 30 s. A limit of fewer samples ends the render before its time, and then each of them counts.
-const MAX_PATHS_IN_FIRST_SAMPLE: f64 = 16.0;
+/// Samples of `path` that a model by itself has in the expected time of the first sample of the default technique: 5 to
+/// 11 with times of 4 to 30 s. A limit of fewer samples ends the render before its time, and then each of them counts.
+const MAX_PATHS_IN_FIRST_SAMPLE: f64 = 13.0;
 
 /// As [`MIN_TIMES_TO_SHARE`], for `path` and a model by itself. The first sample of `path` takes about half as long.
-const MIN_TIMES_TO_SHARE_PATHS: f64 = 1.5;
+const MIN_TIMES_TO_SHARE_PATHS: f64 = 1.7;
 
 impl Choice {
-    /// The technique for an image that is to be there `within` so many seconds, if it is to be at a time.
+    /// The technique for an image that is to be there `within` so many seconds of now, when the scene is imported, if
+    /// it is to be at a time. First samples take `slowness` times what is expected, 1 where nothing is known.
     ///
     /// That is the default technique: of many samples it has made the smallest error in all scenes that were measured.
     /// Only its first sample comes later than that of paths, which need neither photons nor records.
@@ -87,16 +90,22 @@ impl Choice {
     ///
     /// Pixels share samples out, which at equal time takes up to half of the error away (docs/decisions.md,
     /// "Samples shared out"). Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
-    pub fn new(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings, within: Option<f64>) -> Choice {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+        within: Option<f64>,
+        slowness: f64,
+    ) -> Choice {
         let usual = Choice { technique: Technique::default(), reason: None, sampling: settings.image.sampling };
         let Some(within) = within.filter(|_| gpu.is_software()) else { return usual };
-        let cores = std::thread::available_parallelism().map_or(1, usize::from) as f64;
-        let expected = first_sample(scene, camera, settings, cores);
+        let expected = slowness * first_sample(scene, camera, settings);
         let times = within / expected;
         let size = [settings.image.width, settings.image.height];
         let reason = if !is_free(settings) {
             None
-        } else if times < MIN_TIMES {
+        } else if times < MIN_TIMES || (times < MIN_TIMES_IN_THE_OPEN && shows_the_open(scene, camera, size)) {
             Some(format!("photons and records would take about {expected:.1} s before the first image"))
         } else if times < max_times_of_paths(scene)
             && f64::from(settings.image.spp) >= MAX_PATHS_IN_FIRST_SAMPLE * times
@@ -113,11 +122,6 @@ impl Choice {
         let is_decided = settings.image.noise.is_some() || settings.image.piece.is_some();
         let is_shared = !is_decided && times >= min_times_to_share;
         Choice { technique, reason, sampling: if is_shared { Sampling::Adaptive } else { usual.sampling } }
-    }
-
-    /// As [`Choice::new`], for seconds that begin once the scene is imported and end before the image is written.
-    pub fn after_import(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings, within: f64) -> Choice {
-        Choice::new(gpu, scene, camera, settings, Some(within + seconds::FILES))
     }
 }
 
@@ -139,8 +143,14 @@ fn is_free(settings: &Settings) -> bool {
         && settings.clone().with(|s| s.technique = Technique::PATH).check().is_ok()
 }
 
-/// Expected seconds until the first sample of the default technique is there.
-fn first_sample(scene: &Scene, camera: &Camera, settings: &Settings, cores: f64) -> f64 {
+/// Expected seconds from the imported scene to the first sample of the default technique; none where the settings ask
+/// for what was not measured.
+pub fn expected_first_sample(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings) -> Option<f64> {
+    (gpu.is_software() && is_free(settings)).then(|| first_sample(scene, camera, settings))
+}
+
+fn first_sample(scene: &Scene, camera: &Camera, settings: &Settings) -> f64 {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from) as f64;
     let settings = settings.clone().with(|s| s.technique = Technique::default());
     let features = Specialisation::new(scene, Some(camera), &settings).features;
     let is_large = features.has(Feature::Caustics) || features.has(Feature::Procedurals);
@@ -161,5 +171,5 @@ fn first_sample(scene: &Scene, camera: &Camera, settings: &Settings, cores: f64)
     let pixel = seconds::PIXEL + levels * seconds::PIXEL_LEVEL + if_any(is_large, seconds::LARGE_PIXEL);
     let ray = seconds::SHADOW_RAY + levels * seconds::SHADOW_RAY_LEVEL;
     let parallel = zones + triangles * seconds::TRIANGLE + pixels * (pixel + rays * ray);
-    seconds::FILES + kernels + parallel * MEASURED_CORES / cores
+    kernels + parallel * MEASURED_CORES / cores
 }

@@ -22,6 +22,14 @@ const MAX_COVERAGE: f64 = 0.5;
 /// and landscapes.
 const MAX_SECOND_SURFACES: f64 = 0.1;
 
+/// As [`MAX_SECOND_SURFACES`], for what lies in the open, such as the crowd with 0.21.
+const MAX_SECOND_SURFACES_IN_THE_OPEN: f64 = 0.3;
+
+/// Whether most paths end after one surface, as they leave the scene.
+pub fn shows_the_open(scene: &Scene, camera: &Camera, size: [u32; 2]) -> bool {
+    second_surfaces(scene, camera, size) < MAX_SECOND_SURFACES_IN_THE_OPEN
+}
+
 /// Whether the image shows a model by itself: most pixels are empty, and few paths go on from one surface to another.
 /// Many samples of paths take little time there, and little of the light is indirect, which is what needs records.
 pub fn shows_a_model_by_itself(scene: &Scene, camera: &Camera, [width, height]: [u32; 2]) -> bool {
@@ -71,8 +79,9 @@ mod tests {
 
     type Quad = [Vec3; 4];
 
-    /// The share of pixels whose path meets a second surface, and whether that is a model by itself.
-    fn sketch(quads: &[Quad], position: Vec3) -> (f64, bool) {
+    /// The share of pixels whose path meets a second surface, whether that is a model by itself, and whether it is in
+    /// the open.
+    fn sketch(quads: &[Quad], position: Vec3) -> (f64, bool, bool) {
         let vertex = |position: Vec3| Vertex { position, colour: Vec4::ONE, ..Vertex::default() };
         let triangle = |vertices: [u32; 3]| Triangle { vertices, material: 0, light: NO_LIGHT };
         let scene = Scene {
@@ -92,7 +101,9 @@ mod tests {
             far: f32::INFINITY,
             lens: None,
         };
-        (second_surfaces(&scene, &camera, [64, 64]), shows_a_model_by_itself(&scene, &camera, [64, 64]))
+        let size = [64, 64];
+        let is_open = shows_the_open(&scene, &camera, size);
+        (second_surfaces(&scene, &camera, size), shows_a_model_by_itself(&scene, &camera, size), is_open)
     }
 
     /// A rectangle at z = 0.
@@ -104,16 +115,18 @@ mod tests {
     #[test]
     fn second_surfaces_are_those_of_closed_forms() {
         let above = vec3(0.0, 0.0, 0.5);
-        assert_eq!(sketch(&[], above), (0.0, true));
+        assert_eq!(sketch(&[], above), (0.0, true, true));
         let part = |x: f32| sketch(&[floor([-1.0, x], 1.0)], above);
-        assert_eq!(part(-0.25), (0.0, true));
-        assert_eq!(part(0.25), (0.0, false));
+        assert_eq!(part(-0.25), (0.0, true, true));
+        assert_eq!(part(0.25), (0.0, false, true));
         // The camera is above the wall. Half of the directions above any point of the floor go towards the wall. That
         // leaves few paths only if very little of the floor is in view.
         let wall = [[-1e4, 0.0], [1e4, 0.0], [1e4, 1e4], [-1e4, 1e4]].map(|[y, z]| vec3(0.0, y, z));
-        for (x, covered, is_model) in [(1.0, 1.0, false), (-0.25, 0.375, false), (-0.8, 0.125, true)] {
-            let (share, found) = sketch(&[floor([-1.0, x], 1.0), wall], vec3(0.0, 0.0, 2e4));
-            assert_eq!(found, is_model, "{x}");
+        for (x, covered, is_model, is_open) in
+            [(1.0, 1.0, false, false), (-0.25, 0.375, false, true), (-0.8, 0.125, true, true)]
+        {
+            let (share, found, open) = sketch(&[floor([-1.0, x], 1.0), wall], vec3(0.0, 0.0, 2e4));
+            assert_eq!((found, open), (is_model, is_open), "{x}");
             // Rays in even directions differ from their share by the logarithm of their number: about five.
             assert!((share - 0.5 * covered).abs() < 5.0 / 256.0, "{share}");
         }
@@ -128,6 +141,6 @@ mod tests {
                 })
             })
             .collect();
-        assert_eq!(sketch(&sides, above), (1.0, false));
+        assert_eq!(sketch(&sides, above), (1.0, false, false));
     }
 }

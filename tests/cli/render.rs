@@ -85,6 +85,53 @@ fn kernels_are_kept_for_the_next_render() {
     assert!(third == first && !said.contains("cache"), "{said}");
 }
 
+/// The time of the first sample over what was expected is remembered, but not where the driver had to compile kernels.
+/// Where it took far longer than expected, a short render is by paths; a file that is broken is as good as none.
+#[cfg(target_os = "linux")]
+#[test]
+fn times_of_first_samples_are_remembered() {
+    if device() != "software" {
+        return;
+    }
+    let folder = folder();
+    let (cache, image) = (folder.path().join("cache"), folder.path().join("a.exr"));
+    let file = cache.join("penumbra").join("first_samples.json");
+    let render = |arguments: &str| {
+        let arguments = format!("render --device software --width 16 --height 16 {arguments}");
+        let outcome = Answer::of(penumbra(&arguments, &[&BOX]).arg("-o").arg(&image).env("XDG_CACHE_HOME", &cache));
+        outcome.assert_done();
+        outcome.stderr
+    };
+    render("--spp 1");
+    assert!(!file.exists(), "kernels were compiled");
+    render("--spp 1 --technique path");
+    render("--spp 1 --photons 4096");
+    assert!(!file.exists(), "nothing is expected of these");
+    render("--spp 1");
+    let remembered = read_json(&file);
+    let (device, ratios) = remembered.as_object().unwrap().iter().next().unwrap();
+    assert!(ratios.as_array().unwrap().len() == 1 && ratios[0].as_f64().unwrap() > 0.0, "{ratios}");
+
+    let takes_paths = || {
+        let said = render("--spp 4 --time 10");
+        let is_reason = said.contains("--technique path, since photons and records would take about");
+        assert_eq!(said.contains("pixels, path, on"), is_reason, "{said}");
+        is_reason
+    };
+    assert!(!takes_paths());
+    for (ratios_now, expected) in [(vec![1e3; 2], false), (vec![1e3; 3], true), (vec![1.0, 1e3, 1e3, 1.0, 1.0], false)]
+    {
+        fs::write(&file, serde_json::json!({ device: ratios_now }).to_string()).unwrap();
+        assert_eq!(takes_paths(), expected, "{ratios_now:?}");
+    }
+    fs::write(&file, "no JSON").unwrap();
+    assert!(!takes_paths());
+    fs::write(&file, serde_json::json!({ device: vec![2.0; 20] }).to_string()).unwrap();
+    render("--spp 1");
+    let kept = read_json(&file);
+    assert_eq!(kept.as_object().unwrap().values().next().unwrap().as_array().unwrap().len(), 9, "{kept}");
+}
+
 #[test]
 fn the_requested_channels_are_written() {
     let folder = folder();

@@ -32,7 +32,8 @@ fn one_of_two_processes_makes_the_reference() {
     let choice = device().parse().unwrap();
     let make = |target: f64, stop: &dyn Fn() -> bool, on_save: &mut dyn FnMut(ReferenceProgress)| {
         let gpu = Gpu::open(&choice).unwrap();
-        let subject = Subject { gpu: &gpu, scene: &scene, camera: &scene.cameras[0], settings: &settings };
+        let subject =
+            Subject { gpu: &gpu, scene: &scene, camera: &scene.cameras[0], settings: &settings, slowness: 1.0 };
         Reference::make(&subject, folder.path(), goal(target), stop, on_save).unwrap()
     };
     let make_counted = || {
@@ -76,7 +77,7 @@ fn a_damaged_cache_is_refused_or_replaced() {
         s.image.height = 16;
         s.visibility_map.photons_per_light = Some(4096);
     });
-    let subject = Subject { gpu: gpu(), scene: &scene, camera: &scene.cameras[0], settings: &settings };
+    let subject = Subject { gpu: gpu(), scene: &scene, camera: &scene.cameras[0], settings: &settings, slowness: 1.0 };
     let folder = folder();
     let folder = folder.path();
     let make = || Reference::make(&subject, folder, goal(0.2), &|| false, &mut |_| {}).map(drop);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use penumbra::internal::scene::{ImportOptions, Panorama};
-use penumbra::internal::techniques::auto::Choice;
+use penumbra::internal::techniques::auto::{Choice, expected_first_sample};
 use penumbra::settings::{Denoise, Sampling};
 use penumbra::{Aov, Camera, Denoiser, Renderer, Scene, Settings, Technique};
 
@@ -137,7 +137,7 @@ fn the_technique_fits_the_time() {
         let camera = scene.cameras[0].clone();
         let plain = settings(4).with(|s| s.technique = Technique::default());
         let technique = |settings: &Settings, within: Option<f64>| {
-            let Choice { technique, reason, sampling } = Choice::new(gpu(), &scene, &camera, settings, within);
+            let Choice { technique, reason, sampling } = Choice::new(gpu(), &scene, &camera, settings, within, 1.0);
             assert_eq!(reason.is_some(), technique != Technique::default(), "{name}");
             let shares =
                 is_software && within.is_some_and(|seconds| seconds > 4.0) && technique == Technique::default();
@@ -168,8 +168,8 @@ fn the_technique_fits_the_time() {
     }
 }
 
-/// A model before an empty background is rendered by paths until there are four times the first sample of the default
-/// technique, under a sky until there are twenty, and its pixels share samples out sooner.
+/// A model before an empty background is rendered by paths until there are five times the first sample of the default
+/// technique, under a sky until there are 25, and its pixels share samples out sooner.
 #[test]
 fn paths_render_models_by_themselves_for_longer() {
     let scene = load("box.glb");
@@ -182,13 +182,13 @@ fn paths_render_models_by_themselves_for_longer() {
     far.position += 10.0 * far.axes[2];
     let plain = settings(Settings::UNLIMITED_SPP).with(|s| s.technique = Technique::default());
     let choice = |scene: &Scene, camera: &Camera, settings: &Settings, within: f64| {
-        let Choice { technique, reason, sampling } = Choice::new(gpu(), scene, camera, settings, Some(within));
+        let Choice { technique, reason, sampling } = Choice::new(gpu(), scene, camera, settings, Some(within), 1.0);
         assert_eq!(reason.is_some(), technique == Technique::PATH);
         assert!(reason.is_none_or(|reason| reason.contains("empty")));
         (technique, sampling)
     };
-    // A first sample of so small an image is expected after 0.36 s.
-    let (short, long) = (0.45, 1.2);
+    // A first sample of so small an image is expected after 0.26 s.
+    let (short, long) = (0.35, 1.1);
     let usual = (Technique::default(), Sampling::Adaptive);
     let shared = (Technique::PATH, Sampling::Adaptive);
     if !gpu().is_software() {
@@ -209,6 +209,31 @@ fn paths_render_models_by_themselves_for_longer() {
     }
 }
 
+/// A first sample that just fits is worth its time in a room, but not on a machine that is known to be slow, and in the
+/// open only with some to spare.
+#[test]
+fn a_first_sample_that_just_fits_is_for_rooms() {
+    if !gpu().is_software() {
+        return;
+    }
+    let plain = settings(Settings::UNLIMITED_SPP).with(|s| s.technique = Technique::default());
+    for (name, is_room) in [("box.glb", true), ("sphere.glb", false)] {
+        let scene = load(name);
+        let camera = scene.cameras[0].clone();
+        let expected = expected_first_sample(gpu(), &scene, &camera, &plain).unwrap();
+        let takes_paths = |times: f64, slowness: f64| {
+            let choice = Choice::new(gpu(), &scene, &camera, &plain, Some(times * expected), slowness);
+            assert!(choice.reason.is_none_or(|reason| reason.contains("before the first image")));
+            choice.technique == Technique::PATH
+        };
+        assert!(takes_paths(0.8, 1.0) && takes_paths(1.6, 2.0) && takes_paths(8.0, 10.0), "{name}");
+        assert_eq!([takes_paths(1.0, 1.0), takes_paths(2.0, 2.0)], [!is_room; 2], "{name}");
+        assert!(!takes_paths(1.3, 1.0) && !takes_paths(2.6, 2.0) && !takes_paths(0.7, 0.5), "{name}");
+        let photons = plain.clone().with(|s| s.indirect.photons = Some(4096));
+        assert_eq!(expected_first_sample(gpu(), &scene, &camera, &photons), None, "{name}");
+    }
+}
+
 /// Of many lights each point samples a few, so a hundred thousand leave time for photons.
 #[test]
 fn many_lights_leave_time_for_photons() {
@@ -219,9 +244,9 @@ fn many_lights_leave_time_for_photons() {
         s.technique = Technique::default();
         (s.image.width, s.image.height) = (256, 256);
     });
-    let choice = Choice::new(gpu(), &scene, &camera, &settings, Some(5.0));
+    let choice = Choice::new(gpu(), &scene, &camera, &settings, Some(5.0), 1.0);
     assert_eq!((choice.technique, choice.reason), (Technique::default(), None));
     // Where each block of pixels is to reach a noise, that decides.
     let noise = settings.with(|s| s.image.noise = Some(0.01));
-    assert_eq!(Choice::new(gpu(), &scene, &camera, &noise, Some(5.0)).sampling, Sampling::Uniform);
+    assert_eq!(Choice::new(gpu(), &scene, &camera, &noise, Some(5.0), 1.0).sampling, Sampling::Uniform);
 }

@@ -22,7 +22,7 @@ impl Box {
     }
 
     pub fn subject<'a>(&'a self, settings: &'a Settings) -> Subject<'a> {
-        Subject { gpu: gpu(), scene: &self.scene, camera: &self.camera, settings }
+        Subject { gpu: gpu(), scene: &self.scene, camera: &self.camera, settings, slowness: 1.0 }
     }
 }
 

@@ -34,6 +34,11 @@ impl Gpu {
     /// As [`Gpu::check`].
     pub fn compile_ahead(&self, known: &(dyn Bindings + Sync)) -> Result<()> {
         let waiting = std::mem::take(&mut *self.undispatched());
+        if waiting.is_empty() {
+            return Ok(());
+        }
+        // The first kernel would seem to take the time of what was uploaded before it.
+        self.wait("uploads")?;
         let mut stage = Stage { device: &self.device, queue: &self.queue, known, textures: Vec::new() };
         let mut translated = 0;
         let watch = self.watch().unwrap_or_else(|| Arc::new(|_| ()));

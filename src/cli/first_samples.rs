@@ -1,0 +1,61 @@
+//! How long first samples take on this machine, from render to render.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::{fs, process, thread};
+
+use kernel_kit::Gpu;
+
+use super::cache;
+
+/// Renders of each device that are remembered, the latest ones: machines change, and are busy at times.
+const REMEMBERED: usize = 9;
+
+/// Renders before they count: a single one may have been on a busy machine.
+const MIN_RENDERS: usize = 3;
+
+/// The times of first samples over those that were expected, in the user's cache folder.
+pub struct FirstSamples {
+    /// None if the user has no cache folder.
+    file: Option<PathBuf>,
+    device: String,
+    /// By device, the oldest first.
+    ratios: BTreeMap<String, Vec<f64>>,
+}
+
+impl FirstSamples {
+    /// Those of a device. A file that cannot be read counts as none.
+    pub fn of(gpu: &Gpu) -> FirstSamples {
+        let file = cache::folder().map(|folder| folder.join("first_samples.json"));
+        let text = file.as_ref().and_then(|file| fs::read(file).ok()).unwrap_or_default();
+        let cores = thread::available_parallelism().map_or(1, usize::from);
+        FirstSamples {
+            file,
+            device: format!("{}, {cores} cores", gpu.info.name),
+            ratios: serde_json::from_slice(&text).unwrap_or_default(),
+        }
+    }
+
+    /// How many times as long as expected first samples take, in the median; 1 before there are a few.
+    pub fn slowness(&self) -> f64 {
+        let mut ratios = self.ratios.get(&self.device).cloned().unwrap_or_default();
+        ratios.retain(|ratio| ratio.is_finite() && *ratio > 0.0);
+        ratios.sort_by(f64::total_cmp);
+        if ratios.len() < MIN_RENDERS { 1.0 } else { ratios[ratios.len() / 2] }
+    }
+
+    /// Remembers another one, if there is a place for it.
+    pub fn add(mut self, ratio: f64) {
+        let ratios = self.ratios.entry(self.device).or_default();
+        ratios.push(ratio);
+        ratios.drain(..ratios.len().saturating_sub(REMEMBERED));
+        if let (Some(file), Ok(text)) = (&self.file, serde_json::to_string_pretty(&self.ratios)) {
+            // In one step, as other processes may read it. What two of them add at once, one of them adds.
+            let unfinished = file.with_extension(process::id().to_string());
+            let written = fs::write(&unfinished, text).and_then(|()| fs::rename(&unfinished, file));
+            if written.is_err() {
+                let _ = fs::remove_file(&unfinished);
+            }
+        }
+    }
+}
