@@ -143,16 +143,20 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let sampling = arguments.time.map(|time| time.saturating_sub(denoising));
     let mut first_sample = None;
     if arguments.settings.is_automatic() {
-        let within = sampling.map(|time| time.as_secs_f64() - started.elapsed().as_secs_f64());
         let others = FirstSamples::of(&gpu);
-        let slowness = others.slowness();
+        // Frames that are complete are found again by their settings, which so must not follow a clock.
+        let is_sequence = arguments.sequence.first().is_some();
+        let (elapsed, slowness) =
+            if is_sequence { (0.0, 1.0) } else { (started.elapsed().as_secs_f64(), others.slowness()) };
+        // An image with a checkpoint has the bits of one without a time.
+        let limited = sampling.filter(|_| arguments.checkpoint.is_none());
+        let within = limited.map(|time| time.as_secs_f64() - elapsed);
         let Choice { technique, reason, sampling } = Choice::new(&gpu, &scene, &camera, &settings, within, slowness);
         first_sample = expected_first_sample(&gpu, &scene, &camera, &settings)
             .filter(|_| technique == Technique::default())
             .map(|expected| FirstSample { expected, others, begun: Instant::now(), is_compiled });
         settings.technique = technique;
-        // An image with a checkpoint has the bits of one without a time.
-        if arguments.settings.leaves_sampling() && arguments.checkpoint.is_none() {
+        if arguments.settings.leaves_sampling() {
             settings.image.sampling = sampling;
         }
         if let Some(reason) = reason {

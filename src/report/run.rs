@@ -291,12 +291,14 @@ impl<'a> TimedRender<'a> {
                 return Ok(false);
             }
             let start = Instant::now();
-            if self.renderer.render_within(budget - self.time)?.is_none() {
+            let progress = self.renderer.render_within(budget - self.time)?;
+            // Better indirect light may have taken the time of the samples that were to follow.
+            self.time += start.elapsed().as_secs_f64();
+            self.passes = self.renderer.pass_times()?;
+            if progress.is_none() {
                 break;
             }
-            self.time += start.elapsed().as_secs_f64();
             self.first.get_or_insert(self.time);
-            self.passes = self.renderer.pass_times()?;
         }
         Ok(true)
     }

@@ -56,7 +56,7 @@ const MIN_TIMES: f64 = 0.9;
 
 /// As [`MIN_TIMES`], in the open. A single sample of the crowd has 4.5 times the error of the eight of `path` that are
 /// there by then, one of the ball about the same as eleven; the samples after it take little time.
-const MIN_TIMES_IN_THE_OPEN: f64 = 1.2;
+const MIN_TIMES_IN_THE_OPEN: f64 = 1.4;
 
 /// Pixels share samples out where there is so many times the expected time of the first sample. In less time hardly
 /// more than four samples fit, and the estimates that tell who gets them, each of which takes half as long as a sample,

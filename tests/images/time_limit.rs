@@ -188,7 +188,7 @@ fn paths_render_models_by_themselves_for_longer() {
         (technique, sampling)
     };
     // A first sample of so small an image is expected after 0.26 s.
-    let (short, long) = (0.35, 1.1);
+    let (short, long) = (0.4, 1.1);
     let usual = (Technique::default(), Sampling::Adaptive);
     let shared = (Technique::PATH, Sampling::Adaptive);
     if !gpu().is_software() {
@@ -228,7 +228,7 @@ fn a_first_sample_that_just_fits_is_for_rooms() {
         };
         assert!(takes_paths(0.8, 1.0) && takes_paths(1.6, 2.0) && takes_paths(8.0, 10.0), "{name}");
         assert_eq!([takes_paths(1.0, 1.0), takes_paths(2.0, 2.0)], [!is_room; 2], "{name}");
-        assert!(!takes_paths(1.3, 1.0) && !takes_paths(2.6, 2.0) && !takes_paths(0.7, 0.5), "{name}");
+        assert!(!takes_paths(1.5, 1.0) && !takes_paths(3.0, 2.0) && !takes_paths(0.7, 0.5), "{name}");
         let photons = plain.clone().with(|s| s.indirect.photons = Some(4096));
         assert_eq!(expected_first_sample(gpu(), &scene, &camera, &photons), None, "{name}");
     }

@@ -21,7 +21,7 @@ const COMPOSED_BY: &str = concat!(include_str!("../Cargo.toml"), include_str!("c
 ///
 /// A kernel is found again if its name, all modules, the features and the composer's version are the same. A file that
 /// is not what was written is composed anew; so is everything where the folder can be neither read nor written. Beyond
-/// a number of files the oldest half is removed.
+/// a number of files the oldest half is removed, and no file of others.
 #[derive(Clone, Debug)]
 pub(crate) struct KernelFolder {
     path: PathBuf,
@@ -29,7 +29,7 @@ pub(crate) struct KernelFolder {
 }
 
 impl KernelFolder {
-    /// The folder of that path, which is made when the first kernel is kept. Nothing else should be in it.
+    /// The folder of that path, which is made when the first kernel is kept.
     pub fn new(path: impl Into<PathBuf>) -> KernelFolder {
         KernelFolder { path: path.into(), max_files: MAX_FILES }
     }
@@ -66,7 +66,7 @@ impl KernelFolder {
 
     /// Removes the oldest half of the files if there are too many. Those left by a process that was killed count too.
     fn remove_oldest(&self) -> io::Result<()> {
-        let files = fs::read_dir(&self.path)?.flatten();
+        let files = fs::read_dir(&self.path)?.flatten().filter(|file| is_kept(&file.path()));
         let mut files: Vec<_> =
             files.filter_map(|file| Some((file.metadata().ok()?.modified().ok()?, file.path()))).collect();
         if files.len() > self.max_files {
@@ -76,6 +76,12 @@ impl KernelFolder {
         }
         Ok(())
     }
+}
+
+/// Whether a file has the name of one that the folder keeps, finished or not.
+fn is_kept(file: &Path) -> bool {
+    let stem = file.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
+    stem.len() == 32 && stem.chars().all(|c| c.is_ascii_hexdigit())
 }
 
 /// The text of a file that is as it was written.
@@ -161,10 +167,14 @@ mod tests {
     fn folders_are_bounded_and_may_fail() {
         let mut folder = folder("bounded");
         folder.max_files = 4;
+        fs::create_dir(&folder.path).unwrap();
+        fs::write(folder.path.join("notes.wgsl"), "of somebody else").unwrap();
         for number in 0..20 {
             wgsl(&folder, &composer(number), "twice");
-            assert!((1..=4).contains(&files(&folder).len()), "{number}");
+            // With that of somebody else.
+            assert!((2..=5).contains(&files(&folder).len()), "{number}");
         }
+        assert_eq!(fs::read_to_string(folder.path.join("notes.wgsl")).unwrap(), "of somebody else");
         let newest = KernelFolder::new(files(&folder).remove(0));
         assert_eq!(wgsl(&newest, &composer(1), "twice"), composer(1).compose("twice", &Features::none()).unwrap().wgsl);
         assert!(newest.path.is_file());
