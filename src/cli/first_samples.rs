@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::{fs, process, thread};
+use std::{fs, thread};
 
 use kernel_kit::Gpu;
+use penumbra::internal::render::film::write_atomically;
 
 use super::cache;
 
@@ -49,13 +50,9 @@ impl FirstSamples {
         let ratios = self.ratios.entry(self.device).or_default();
         ratios.push(ratio);
         ratios.drain(..ratios.len().saturating_sub(REMEMBERED));
-        if let (Some(file), Ok(text)) = (&self.file, serde_json::to_string_pretty(&self.ratios)) {
-            // In one step, as other processes may read it. What two of them add at once, one of them adds.
-            let unfinished = file.with_extension(process::id().to_string());
-            let written = fs::write(&unfinished, text).and_then(|()| fs::rename(&unfinished, file));
-            if written.is_err() {
-                let _ = fs::remove_file(&unfinished);
-            }
+        if let Some(file) = &self.file {
+            // What two processes add at once, one of them adds. Without the file the default stays.
+            let _ = write_atomically(file, |file| Ok(serde_json::to_writer_pretty(file, &self.ratios)?));
         }
     }
 }

@@ -92,7 +92,8 @@ impl Drop for Target {
     }
 }
 
-/// Shows from now on how many kernels the driver has compiled, where it has not compiled them before.
+/// Shows from now on how many kernels the driver has compiled, where it has not compiled them before. Returns
+/// whether it has compiled any so far.
 pub fn show_compilation(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
     let is_compiled = Arc::new(AtomicBool::new(false));
     let compiles = is_compiled.clone();

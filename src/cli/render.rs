@@ -14,9 +14,9 @@ use penumbra::internal::render::recovery::{self, Failure, Salvage};
 use penumbra::internal::report::estimate;
 use penumbra::internal::report::metrics::Measures;
 use penumbra::internal::report::reference::Reference;
-use penumbra::internal::techniques::auto::{Choice, expected_first_sample};
+use penumbra::internal::techniques::auto::Choice;
 use penumbra::settings::Denoise;
-use penumbra::{Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings, Statistics, Technique};
+use penumbra::{Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings, Statistics};
 
 use super::first_samples::FirstSamples;
 use super::flags::with_flags;
@@ -151,10 +151,15 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         // An image with a checkpoint has the bits of one without a time.
         let limited = sampling.filter(|_| arguments.checkpoint.is_none());
         let within = limited.map(|time| time.as_secs_f64() - elapsed);
-        let Choice { technique, reason, sampling } = Choice::new(&gpu, &scene, &camera, &settings, within, slowness);
-        first_sample = expected_first_sample(&gpu, &scene, &camera, &settings)
-            .filter(|_| technique == Technique::default())
-            .map(|expected| FirstSample { expected, others, begun: Instant::now(), is_compiled });
+        let choice = Choice::new(&gpu, &scene, &camera, &settings, within, slowness);
+        let Choice { technique, reason, sampling, first_sample: expected } = choice;
+        // Frames that are there already are passed over first, which takes time.
+        first_sample = expected.filter(|_| !is_sequence).map(|expected| FirstSample {
+            expected,
+            others,
+            begun: Instant::now(),
+            is_compiled,
+        });
         settings.technique = technique;
         if arguments.settings.leaves_sampling() {
             settings.image.sampling = sampling;
@@ -174,6 +179,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         spp: settings.image.range().count(),
         announced: false,
         first_sample,
+        ratio: None,
         notes,
         stopped: false,
         files: arguments.files(None),
@@ -234,6 +240,8 @@ struct Session<'a> {
     announced: bool,
     /// None once it is there, or where nothing can be told from it.
     first_sample: Option<FirstSample>,
+    /// What the first sample took over what was expected, to be remembered once the image is there.
+    ratio: Option<(FirstSamples, f64)>,
     notes: Notes,
     /// The render was stopped by a signal or a fault.
     stopped: bool,
@@ -254,11 +262,11 @@ struct FirstSample {
 }
 
 impl FirstSample {
-    /// Remembers it, now that it is there.
-    fn end(self) {
-        if !self.is_compiled.load(Ordering::Relaxed) {
-            self.others.add(self.begun.elapsed().as_secs_f64() / self.expected);
-        }
+    /// Those before, and the time of this one over what was expected, now that it is there; none if the driver has
+    /// compiled kernels.
+    fn ratio(self) -> Option<(FirstSamples, f64)> {
+        let ratio = self.begun.elapsed().as_secs_f64() / self.expected;
+        (!self.is_compiled.load(Ordering::Relaxed)).then_some((self.others, ratio))
     }
 }
 
@@ -419,7 +427,7 @@ impl Session<'_> {
             if let Some(first) = self.first_sample.take()
                 && progress.samples == 1
             {
-                first.end();
+                self.ratio = first.ratio();
             }
             if self.interrupt.raised() {
                 break None;
@@ -487,6 +495,9 @@ impl Session<'_> {
             image.sign(fingerprint.clone());
         }
         let written = arguments.write(&image, &self.files);
+        if let Some((others, ratio)) = self.ratio.take() {
+            others.add(ratio);
+        }
         statistics.notes.clone_from(&self.notes.said);
         statistics.time.start = self.start;
         statistics.time.import = self.import;

@@ -19,6 +19,9 @@ pub struct Choice {
     pub reason: Option<String>,
     /// Which pixels get how many samples.
     pub sampling: Sampling,
+    /// Seconds from the imported scene to the first sample, as expected where nothing is known of the machine; none for
+    /// another technique than the default, and for devices and settings that were not measured.
+    pub first_sample: Option<f64>,
 }
 
 /// What the first sample of the default technique takes on a software device of two cores once the scene is imported,
@@ -98,12 +101,19 @@ impl Choice {
         within: Option<f64>,
         slowness: f64,
     ) -> Choice {
-        let usual = Choice { technique: Technique::default(), reason: None, sampling: settings.image.sampling };
-        let Some(within) = within.filter(|_| gpu.is_software()) else { return usual };
-        let expected = slowness * first_sample(scene, camera, settings);
+        let technique = Technique::default();
+        let usual = Choice { technique, reason: None, sampling: settings.image.sampling, first_sample: None };
+        if !gpu.is_software() {
+            return usual;
+        }
+        let unscaled = first_sample(scene, camera, settings);
+        let is_free = is_free(settings);
+        let usual = Choice { first_sample: is_free.then_some(unscaled), ..usual };
+        let Some(within) = within else { return usual };
+        let expected = slowness * unscaled;
         let times = within / expected;
         let size = [settings.image.width, settings.image.height];
-        let reason = if !is_free(settings) {
+        let reason = if !is_free {
             None
         } else if times < MIN_TIMES || (times < MIN_TIMES_IN_THE_OPEN && shows_the_open(scene, camera, size)) {
             Some(format!("photons and records would take about {expected:.1} s before the first image"))
@@ -121,7 +131,8 @@ impl Choice {
         };
         let is_decided = settings.image.noise.is_some() || settings.image.piece.is_some();
         let is_shared = !is_decided && times >= min_times_to_share;
-        Choice { technique, reason, sampling: if is_shared { Sampling::Adaptive } else { usual.sampling } }
+        let sampling = if is_shared { Sampling::Adaptive } else { usual.sampling };
+        Choice { technique, sampling, first_sample: usual.first_sample.filter(|_| reason.is_none()), reason }
     }
 }
 
@@ -143,12 +154,7 @@ fn is_free(settings: &Settings) -> bool {
         && settings.clone().with(|s| s.technique = Technique::PATH).check().is_ok()
 }
 
-/// Expected seconds from the imported scene to the first sample of the default technique; none where the settings ask
-/// for what was not measured.
-pub fn expected_first_sample(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings) -> Option<f64> {
-    (gpu.is_software() && is_free(settings)).then(|| first_sample(scene, camera, settings))
-}
-
+/// Expected seconds from the imported scene to the first sample of the default technique.
 fn first_sample(scene: &Scene, camera: &Camera, settings: &Settings) -> f64 {
     let cores = std::thread::available_parallelism().map_or(1, usize::from) as f64;
     let settings = settings.clone().with(|s| s.technique = Technique::default());

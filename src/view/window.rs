@@ -159,7 +159,9 @@ impl View {
             let instance = instance.clone();
             move || -> Result<Arc<Gpu>> {
                 let gpu = Gpu::open_in(&instance, &choice, limits)?;
-                kernels.iter().for_each(|folder| gpu.keep_composed(folder.clone()));
+                if let Some(folder) = &kernels {
+                    gpu.keep_composed(folder);
+                }
                 Ok(Arc::new(gpu))
             }
         };

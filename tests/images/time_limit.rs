@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use penumbra::internal::scene::{ImportOptions, Panorama};
-use penumbra::internal::techniques::auto::{Choice, expected_first_sample};
+use penumbra::internal::techniques::auto::Choice;
 use penumbra::settings::{Denoise, Sampling};
 use penumbra::{Aov, Camera, Denoiser, Renderer, Scene, Settings, Technique};
 
@@ -137,7 +137,7 @@ fn the_technique_fits_the_time() {
         let camera = scene.cameras[0].clone();
         let plain = settings(4).with(|s| s.technique = Technique::default());
         let technique = |settings: &Settings, within: Option<f64>| {
-            let Choice { technique, reason, sampling } = Choice::new(gpu(), &scene, &camera, settings, within, 1.0);
+            let Choice { technique, reason, sampling, .. } = Choice::new(gpu(), &scene, &camera, settings, within, 1.0);
             assert_eq!(reason.is_some(), technique != Technique::default(), "{name}");
             let shares =
                 is_software && within.is_some_and(|seconds| seconds > 4.0) && technique == Technique::default();
@@ -182,7 +182,7 @@ fn paths_render_models_by_themselves_for_longer() {
     far.position += 10.0 * far.axes[2];
     let plain = settings(Settings::UNLIMITED_SPP).with(|s| s.technique = Technique::default());
     let choice = |scene: &Scene, camera: &Camera, settings: &Settings, within: f64| {
-        let Choice { technique, reason, sampling } = Choice::new(gpu(), scene, camera, settings, Some(within), 1.0);
+        let Choice { technique, reason, sampling, .. } = Choice::new(gpu(), scene, camera, settings, Some(within), 1.0);
         assert_eq!(reason.is_some(), technique == Technique::PATH);
         assert!(reason.is_none_or(|reason| reason.contains("empty")));
         (technique, sampling)
@@ -220,7 +220,8 @@ fn a_first_sample_that_just_fits_is_for_rooms() {
     for (name, is_room) in [("box.glb", true), ("sphere.glb", false)] {
         let scene = load(name);
         let camera = scene.cameras[0].clone();
-        let expected = expected_first_sample(gpu(), &scene, &camera, &plain).unwrap();
+        let first_sample = |settings: &Settings| Choice::new(gpu(), &scene, &camera, settings, None, 1.0).first_sample;
+        let expected = first_sample(&plain).unwrap();
         let takes_paths = |times: f64, slowness: f64| {
             let choice = Choice::new(gpu(), &scene, &camera, &plain, Some(times * expected), slowness);
             assert!(choice.reason.is_none_or(|reason| reason.contains("before the first image")));
@@ -230,7 +231,7 @@ fn a_first_sample_that_just_fits_is_for_rooms() {
         assert_eq!([takes_paths(1.0, 1.0), takes_paths(2.0, 2.0)], [!is_room; 2], "{name}");
         assert!(!takes_paths(1.5, 1.0) && !takes_paths(3.0, 2.0) && !takes_paths(0.7, 0.5), "{name}");
         let photons = plain.clone().with(|s| s.indirect.photons = Some(4096));
-        assert_eq!(expected_first_sample(gpu(), &scene, &camera, &photons), None, "{name}");
+        assert_eq!(first_sample(&photons), None, "{name}");
     }
 }
 
