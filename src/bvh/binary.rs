@@ -35,11 +35,11 @@ impl Node {
     }
 }
 
-/// A triangle during the build.
+/// A triangle during the build, or whatever else has a box.
 #[derive(Clone, Copy)]
 pub(super) struct Item {
     pub bounds: Aabb,
-    pub triangle: u32,
+    pub index: u32,
 }
 
 impl Item {
@@ -119,9 +119,9 @@ fn split_by_sweep(items: &mut [Item], fits: impl Fn(usize) -> bool) -> Option<us
     Some(count)
 }
 
-/// Sorts by centroid, then by triangle, so that the tree does not depend on the order of `items`.
+/// Sorts by centroid, then by index, so that the tree does not depend on the order of `items`.
 fn sort_along(items: &mut [Item], axis: usize) {
-    items.sort_unstable_by(|a, b| a.centroid()[axis].total_cmp(&b.centroid()[axis]).then(a.triangle.cmp(&b.triangle)));
+    items.sort_unstable_by(|a, b| a.centroid()[axis].total_cmp(&b.centroid()[axis]).then(a.index.cmp(&b.index)));
 }
 
 /// The split between bins of equal width with the minimum cost. Partitions `items` and returns the number of items on

@@ -18,7 +18,7 @@ pub(super) const MAX_COORDINATE: f32 = (1u64 << 40) as f32;
 
 /// Maximum depth of the binary tree in the first attempt: twice that of a balanced tree over the maximum number of
 /// triangles.
-const INITIAL_MAX_DEPTH: u32 = 56;
+pub(super) const INITIAL_MAX_DEPTH: u32 = 56;
 
 /// Entries of a kernel's traversal stack: one for each level that a balanced tree over the maximum number of triangles
 /// can have.
@@ -163,13 +163,13 @@ impl Tree {
         max_leaf: u32,
         max_depth: u32,
     ) -> Result<Tree> {
-        let item = |at: usize| binary::Item { bounds: bounds(at), triangle: at as u32 };
+        let item = |at: usize| binary::Item { bounds: bounds(at), index: at as u32 };
         let mut binary_depth = INITIAL_MAX_DEPTH;
         loop {
             let mut items: Vec<_> = (0..count).into_par_iter().map(item).collect();
             let binary = binary::build(&mut items, binary_depth);
             // Without their boxes, which are in the tree.
-            let sorted: Vec<u32> = items.par_iter().map(|item| item.triangle).collect();
+            let sorted: Vec<u32> = items.par_iter().map(|item| item.index).collect();
             drop(items);
             let tree = flatten(&binary, &sorted, max_leaf);
             if tree.nodes.len() > node::MAX_NODES {

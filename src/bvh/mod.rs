@@ -6,6 +6,7 @@
 
 mod aabb;
 mod binary;
+mod box_tree;
 mod hierarchy;
 mod instance_table;
 mod instanced;
@@ -14,6 +15,7 @@ mod packet;
 mod wide;
 
 pub use aabb::Aabb;
+pub use box_tree::BoxTree;
 pub use hierarchy::Bvh;
 pub(crate) use hierarchy::{INDEX_MASK, NODE_INDEX_MASK, NODE_TEXELS, STACK_SIZE, TRIANGLE_TEXELS};
 pub(crate) use instance_table::INSTANCE_TEXELS;

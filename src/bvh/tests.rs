@@ -194,7 +194,7 @@ fn nodes_for_packets_are_the_same() {
 fn depth_is_bounded() {
     let triangles: Vec<Triangle> = (0..1000).map(|i| UNIT.map(|p| p * 0.9f32.powi(i))).collect();
     let build = |max_depth: u32| {
-        let item = |(at, corners): (usize, &Triangle)| binary::Item { bounds: Aabb::of(*corners), triangle: at as u32 };
+        let item = |(at, corners): (usize, &Triangle)| binary::Item { bounds: Aabb::of(*corners), index: at as u32 };
         let mut items: Vec<_> = triangles.iter().enumerate().map(item).collect();
         let nodes = binary::build(&mut items, max_depth);
         let mut levels = vec![0; nodes.len()];

@@ -1,0 +1,48 @@
+//! A tree over boxes that is searched on the CPU, for what is asked about a few rays.
+
+use rayon::prelude::*;
+
+use super::aabb::Aabb;
+use super::binary::{self, Item, Node};
+use super::hierarchy::INITIAL_MAX_DEPTH;
+
+/// A binary tree over boxes.
+pub struct BoxTree {
+    nodes: Vec<Node>,
+    /// The indices of the boxes in the order of the leaves.
+    order: Vec<u32>,
+}
+
+impl BoxTree {
+    /// Over boxes, of which each is found by its index.
+    pub fn new(boxes: impl IndexedParallelIterator<Item = Aabb>) -> BoxTree {
+        let item = |(index, bounds)| Item { bounds, index: index as u32 };
+        let mut items: Vec<_> = boxes.enumerate().map(item).collect();
+        let nodes = binary::build(&mut items, INITIAL_MAX_DEPTH);
+        BoxTree { nodes, order: items.iter().map(|item| item.index).collect() }
+    }
+
+    /// The box around all of them.
+    pub fn bounds(&self) -> Aabb {
+        self.nodes.first().map_or(Aabb::EMPTY, |root| root.bounds)
+    }
+
+    /// The boxes that a ray enters, with where it does. `enters` tells that of a box, and is none for one that it
+    /// misses.
+    pub fn entered(&self, enters: impl Fn(Aabb) -> Option<f64>) -> Vec<(f64, usize)> {
+        let mut found = Vec::new();
+        // Nodes with the position of their first leaf.
+        let mut left: Vec<(usize, usize)> = self.nodes.first().map(|_| (0, 0)).into_iter().collect();
+        while let Some((at, first)) = left.pop() {
+            let node = &self.nodes[at];
+            let Some(enter) = enters(node.bounds) else { continue };
+            if node.is_leaf() {
+                found.push((enter, self.order[first] as usize));
+            } else {
+                let [a, b] = node.children(at);
+                left.extend([(b, first + node.left_count as usize), (a, first)]);
+            }
+        }
+        found
+    }
+}
