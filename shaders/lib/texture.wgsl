@@ -53,19 +53,28 @@ fn texture_at(number: u32, uv: Uv) -> vec4f {
     // floats are exact.
     let texel = (coordinate - select(vec2f(0.0), 2.0 * floor(0.5 * coordinate), wrap != vec2u(2u))) * vec2f(size);
     let bounded = clamp(texel, vec2f(-1.0), 2.0 * vec2f(size) + 1.0);
-    if (flags & TEXTURE_NEAREST) != 0u {
-        let at = vec2i(floor(bounded));
-        let row = wrap_texel(at.y, size.y, wrap.y) * image.y;
-        return load_image_texel(image.x + wrap_texel(at.x, size.x, wrap.x) + row, srgb);
-    }
-    let corner = floor(bounded - 0.5);
-    let f = bounded - 0.5 - corner;
+    let is_nearest = (flags & TEXTURE_NEAREST) != 0u;
+    let first = select(bounded - 0.5, bounded, is_nearest);
+    let corner = floor(first);
+    let f = first - corner;
     let at = vec2i(corner);
-    let x0 = wrap_texel(at.x, size.x, wrap.x);
-    let x1 = wrap_texel(at.x + 1, size.x, wrap.x);
-    let y0 = image.x + wrap_texel(at.y, size.y, wrap.y) * image.y;
-    let y1 = image.x + wrap_texel(at.y + 1, size.y, wrap.y) * image.y;
-    let top = mix(load_image_texel(y0 + x0, srgb), load_image_texel(y0 + x1, srgb), f.x);
-    let bottom = mix(load_image_texel(y1 + x0, srgb), load_image_texel(y1 + x1, srgb), f.x);
-    return mix(top, bottom, f.y);
+    var top_left = vec4f(0.0);
+    var top_right = vec4f(0.0);
+    var bottom_left = vec4f(0.0);
+    var bottom_right = vec4f(0.0);
+    // A loop, as lavapipe takes long to compile each place that loads a texel. Other devices unroll it, so that the
+    // four loads do not wait for each other.
+    @if(texture_loads) let count = select(4u, 1u, is_nearest);
+    @if(!texture_loads) let count = 4u;
+    for (var i = 0u; i < count; i++) {
+        let x = wrap_texel(at.x + i32(i & 1u), size.x, wrap.x);
+        let y = wrap_texel(at.y + i32(i >> 1u), size.y, wrap.y);
+        let loaded = load_image_texel(image.x + y * image.y + x, srgb);
+        top_left = select(top_left, loaded, i == 0u);
+        top_right = select(top_right, loaded, i == 1u);
+        bottom_left = select(bottom_left, loaded, i == 2u);
+        bottom_right = loaded;
+    }
+    if is_nearest { return top_left; }
+    return mix(mix(top_left, top_right, f.x), mix(bottom_left, bottom_right, f.x), f.y);
 }
