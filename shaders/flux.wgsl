@@ -1,7 +1,7 @@
 // flux: traces the photons that carry flux, for the global map and the caustic map (section 2 of the paper; Jensen
 // 1996). Each ray leaves a light with its share of the light's power. The ray stores a photon at every diffuse surface
 // that it hits; then the BSDF scatters it, or Russian roulette ends it. With the feature `negative_photons`, a ray from
-// a light stores no photon at its first hit, but shadow photons at all hits behind it. With `caustic_photons` 1, a ray
+// a light stores no photon at its first hit, but shadow photons at all hits behind it. If `caustics_only` is 1, a ray
 // stores a photon only after one bounce or more, all of them at focusing surfaces.
 // In: the scene, and in `flux_rays` the rays of each light.
 // Out: `flux_photons`, appended in any order, and `flux_counts`. Positions are in scene units after normalisation, flux
@@ -38,7 +38,8 @@ struct FluxParameters {
     stored: u32,
     // 1 over the unit of flux.
     inverse_unit: f32,
-    padding: u32,
+    // 1 for photons of the caustic map, else 0.
+    caustics_only: u32,
 }
 
 var<immediate> flux_pass: FluxParameters;
@@ -49,8 +50,6 @@ var<immediate> flux_pass: FluxParameters;
 @group(0) @binding(1) var<storage, read_write> flux_counts: array<atomic<u32>, FLUX_COUNTS>;
 // The index of each light's first ray, and the total number of rays at the end.
 @group(0) @binding(2) var<storage, read> flux_rays: array<u32>;
-
-@if(caustics) override caustic_photons: u32;
 
 const FAR_AWAY = 1e30;
 
@@ -198,7 +197,7 @@ fn flux(
             @if(caustics) {
                 @if(caustic_irradiance) { if focused && bounce > 0u { kind = PHOTON_CAUSTIC; } }
                 focused &= focuses(found.surface);
-                if caustic_photons == 1u {
+                if flux_pass.caustics_only == 1u {
                     stores &= bounce > 0u;
                     goes_on &= focused;
                 }

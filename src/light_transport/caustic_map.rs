@@ -3,18 +3,17 @@
 //! their alpha of 2/3).
 
 use glam::Vec3;
-use kernel_kit::{Frame, Gpu};
+use kernel_kit::Frame;
 
 use super::global_map::GlobalMapKernels;
 use super::shared::{Shared, TILE_SAMPLES};
 use crate::Result;
 use crate::kernels::GridShape;
 use crate::passes::Tile;
-use crate::passes::flux::{Flux, FluxSettings};
+use crate::passes::flux::FluxSettings;
 use crate::passes::grid::Photon;
 use crate::passes::irradiance::{BoundShow, ShownMap};
 use crate::settings::Settings;
-use crate::specialisation::features::Features;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
@@ -29,16 +28,6 @@ const PHOTONS_PER_CELL: f32 = 0.32;
 
 /// Maximum number of cells in that square.
 const MAX_CELLS: u32 = 1 << 19;
-
-pub(crate) struct CausticKernels {
-    flux: Flux,
-}
-
-impl CausticKernels {
-    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<CausticKernels> {
-        Ok(CausticKernels { flux: Flux::of_caustics(gpu, features, constants)? })
-    }
-}
 
 /// The map of 8 samples, bound to a tile.
 pub(crate) struct CausticMap {
@@ -64,8 +53,7 @@ impl CausticMap {
     /// Traces and sorts the photons of a map.
     pub fn new(
         shared: &Shared<'_>,
-        kernels: &CausticKernels,
-        map: &GlobalMapKernels,
+        kernels: &GlobalMapKernels,
         settings: &Settings,
         number: u32,
         totals: &mut Totals,
@@ -74,7 +62,7 @@ impl CausticMap {
         let rays = settings.flux_photons().saturating_mul(RAYS_PER_FLUX_RAY);
         // Other photons for each map, far from the seeds that users count up.
         let seed = settings.image.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
-        let flux = FluxSettings { rays, max_bounces: settings.indirect.max_bounces, seed };
+        let flux = FluxSettings { rays, max_bounces: settings.indirect.max_bounces, seed, caustics_only: true };
         let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, flux)?;
         // A resumed render traces the map of its next samples once more.
         if number >= totals.caustic_maps {
@@ -97,9 +85,9 @@ impl CausticMap {
         let cells = f64::from(traced.count) / (f64::from(PHOTONS_PER_CELL) * shrink * shrink);
         let cells = (cells as u32).clamp(1, MAX_CELLS);
         let shape = GridShape::with_photons_per_cell(1.0, bounds, extent.length_squared(), cells, 1);
-        let sorted = map.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
+        let sorted = kernels.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
         let shown = ShownMap { map: &sorted, step: traced.step, shrink, unshadowed: 0 };
-        let show = map.irradiance.bind_caustics(gpu, tile, gpu_scene, &shown)?;
+        let show = kernels.irradiance.bind_caustics(gpu, tile, gpu_scene, &shown)?;
         Ok(CausticMap { number, show: Some(show) })
     }
 

@@ -18,8 +18,9 @@ use crate::specialisation::kernels::sorting_grid;
 use crate::statistics::totals::Totals;
 use crate::statistics::{Counter, Indirect};
 
+/// The kernels of the global map, which make and show the caustic map as well.
 pub(crate) struct GlobalMapKernels {
-    flux: Flux,
+    pub flux: Flux,
     pub grid: Grid,
     pub irradiance: Irradiance,
 }
@@ -78,8 +79,8 @@ impl GlobalMap {
         let seed = settings.image.seed.wrapping_add(flux_photons.wrapping_mul(0x9e37_79b9));
         let caustics = totals.indirect.caustics;
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
-            let traced =
-                kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, FluxSettings { rays, max_bounces, seed })?;
+            let flux = FluxSettings { rays, max_bounces, seed, caustics_only: false };
+            let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, flux)?;
             totals.photon_rays += traced.rays;
             totals.count(Counter::Overrun, traced.overruns);
             totals.count(Counter::NotFiniteFlux, traced.not_finite);

@@ -2,7 +2,6 @@
 
 use kernel_kit::Gpu;
 
-use super::caustic_map::CausticKernels;
 use super::direct_light::DirectLightKernels;
 use super::global_map::GlobalMapKernels;
 use super::irradiance_cache::CacheKernels;
@@ -82,7 +81,6 @@ impl DirectKernels {
 /// uses them again when it makes new photons and records.
 pub(crate) struct IndirectKernels {
     pub global_map: Option<GlobalMapKernels>,
-    pub caustics: Option<CausticKernels>,
     pub cache: Option<CacheKernels>,
     pub path: Option<Path>,
     pub features: Features,
@@ -93,13 +91,8 @@ impl IndirectKernels {
     pub fn new(gpu: &Gpu, specialisation: &Specialisation, constants: &[(&str, f64)]) -> Result<IndirectKernels> {
         let features = &specialisation.features;
         let has = |name| features.has(name);
-        let ((map, caustics), (cache, path)) = rayon::join(
-            || {
-                rayon::join(
-                    || has(Feature::GlobalMap).then(|| GlobalMapKernels::new(gpu, features, constants)).transpose(),
-                    || has(Feature::Caustics).then(|| CausticKernels::new(gpu, features, constants)).transpose(),
-                )
-            },
+        let (map, (cache, path)) = rayon::join(
+            || has(Feature::GlobalMap).then(|| GlobalMapKernels::new(gpu, features, constants)).transpose(),
             || {
                 rayon::join(
                     || has(Feature::IrradianceCache).then(|| CacheKernels::new(gpu, features, constants)).transpose(),
@@ -107,8 +100,7 @@ impl IndirectKernels {
                 )
             },
         );
-        let (global_map, caustics, cache, path) = (map?, caustics?, cache?, path?);
-        Ok(IndirectKernels { global_map, caustics, cache, path, features: features.clone() })
+        Ok(IndirectKernels { global_map: map?, cache: cache?, path: path?, features: features.clone() })
     }
 
     /// Whether there is light besides separate direct light.

@@ -21,7 +21,7 @@ shared_struct! {
         max_bounces: u32,
         stored: u32,
         inverse_unit: f32,
-        padding: u32,
+        caustics_only: u32,
     }
 }
 
@@ -53,6 +53,9 @@ pub struct FluxSettings {
     pub max_bounces: u32,
     /// Seed of the random numbers.
     pub seed: u32,
+    /// Only photons that focusing surfaces alone have reflected or transmitted are stored, for the caustic map. The
+    /// kernel needs the feature `caustics` for it.
+    pub caustics_only: bool,
 }
 
 /// Photons on the device, in any order. Their set depends only on the scene, the settings and the seed.
@@ -96,21 +99,7 @@ impl Flux {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Flux> {
-        Self::with_caustic_photons(gpu, features, constants, false)
-    }
-
-    /// As [`Flux::new`], for the caustic map: its photons were reflected or transmitted by focusing surfaces only.
-    ///
-    /// # Errors
-    /// As [`Kernel::new`].
-    pub fn of_caustics(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Flux> {
-        Self::with_caustic_photons(gpu, features, constants, true)
-    }
-
-    fn with_caustic_photons(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], on: bool) -> Result<Flux> {
-        let mut constants = constants.to_vec();
-        constants.push(("caustic_photons", f64::from(u8::from(on))));
-        Ok(Flux(kernel(gpu, "flux", features, &constants, &[FluxBindings::DECLARED])?))
+        Ok(Flux(kernel(gpu, "flux", features, constants, &[FluxBindings::DECLARED])?))
     }
 
     /// Traces photons from all lights. If they would outgrow the device's largest binding, starts again with half as
@@ -210,7 +199,7 @@ impl<'a> Batches<'a> {
             max_bounces: self.settings.max_bounces,
             stored: self.traced.count,
             inverse_unit: (1.0 / self.unit) as f32,
-            padding: 0,
+            caustics_only: u32::from(self.settings.caustics_only),
         };
         let mut frame = self.gpu.frame("flux");
         frame.clear(&self.counts);

@@ -17,6 +17,7 @@ use crate::light_transport::kernels::IndirectKernels;
 use crate::light_transport::shared::Shared;
 use crate::passes::cache::BoundCache;
 use crate::passes::film::{Change, Plane};
+use crate::specialisation::features::Feature;
 use crate::statistics::Rays;
 
 /// A step of indirect light to another stage.
@@ -223,13 +224,12 @@ impl Renderer<'_> {
     /// Makes the caustic map of the samples from `first_sample` on, unless they share the last one.
     pub(super) fn trace_caustics(&mut self, first_sample: u32) -> Result<()> {
         let number = CausticMap::number_at(first_sample, &self.settings);
-        let IndirectKernels { global_map: Some(map), caustics: Some(kernels), .. } = &self.indirect_kernels else {
-            return Ok(());
-        };
+        let IndirectKernels { global_map, features, .. } = &self.indirect_kernels;
+        let Some(kernels) = global_map.as_ref().filter(|_| features.has(Feature::Caustics)) else { return Ok(()) };
         if self.lighting.caustics.as_ref().is_none_or(|caustics| caustics.number() != number) {
             let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
             let shared = Shared { gpu, scene, gpu_scene, tile };
-            let traced = CausticMap::new(&shared, kernels, map, &self.settings, number, &mut self.totals)?;
+            let traced = CausticMap::new(&shared, kernels, &self.settings, number, &mut self.totals)?;
             self.lighting.caustics = Some(traced);
         }
         Ok(())

@@ -45,8 +45,11 @@ struct Traced {
 
 impl Traced {
     fn new(gpu: &Gpu, stage: &Stage, rays: u32, max_bounces: u32) -> Traced {
+        Traced::with(gpu, stage, FluxSettings { rays, max_bounces, seed: SEED, caustics_only: false })
+    }
+
+    fn with(gpu: &Gpu, stage: &Stage, settings: FluxSettings) -> Traced {
         let pass = Flux::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
-        let settings = FluxSettings { rays, max_bounces, seed: SEED };
         let traced = pass.trace(gpu, &stage.gpu_scene, &stage.gpu_scene.lights, settings).unwrap();
         assert_eq!(traced.cut, 0);
         let photons = gpu.read(&traced.photons, traced.count as usize).unwrap();
@@ -272,7 +275,8 @@ fn photons_lie_as_light_does(gpu: &Gpu) {
 }
 
 /// A mirror above a point light marks what it reflects: photons of the light's image behind it, with the power that the
-/// light sends to the mirror. Photons that walls have scattered have no mark, though the mirror reflects them too.
+/// light sends to the mirror. Photons that walls have scattered have no mark, though the mirror reflects them too. The
+/// caustic map has those with a mark, and no others.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn only_focused_photons_are_marked(gpu: &Gpu) {
     let (half, height, lamp) = (0.2, 0.3, DVec3::new(0.05, 0.1, -0.02));
@@ -300,6 +304,14 @@ fn only_focused_photons_are_marked(gpu: &Gpu) {
     let error = 4.0 * PI * (share * (1.0 - share) / f64::from(1 << 17)).sqrt() + traced.rounding();
     z_test(power, error, 4.0 * PI * share, 1).unwrap();
     z_test(1.05 * power, error, 4.0 * PI * share, 1).expect_err("a twentieth too much");
+    let settings = FluxSettings { rays: 1 << 17, max_bounces: 16, seed: SEED, caustics_only: true };
+    let mut caustics: Vec<[u32; 4]> = bytemuck::cast_slice(&Traced::with(gpu, &stage, settings).photons).to_vec();
+    let mut marked: Vec<[u32; 4]> = marked.into_iter().map(|photon| bytemuck::cast(*photon)).collect();
+    caustics.sort_unstable();
+    marked.sort_unstable();
+    assert!(caustics == marked, "{} photons of the caustic map, {} with a mark", caustics.len(), marked.len());
+    marked[0][3] ^= 1;
+    assert!(caustics != marked, "a photon of another flux");
 }
 
 /// Rays of the kernel alone.
