@@ -31,16 +31,16 @@ impl BoxTree {
     /// misses.
     pub fn entered(&self, enters: impl Fn(Aabb) -> Option<f64>) -> Vec<(f64, usize)> {
         let mut found = Vec::new();
-        // Nodes with the position of their first leaf.
-        let mut left: Vec<(usize, usize)> = self.nodes.first().map(|_| (0, 0)).into_iter().collect();
-        while let Some((at, first)) = left.pop() {
+        // Nodes, each with the position of its first leaf.
+        let mut waiting = if self.nodes.is_empty() { Vec::new() } else { vec![(0, 0)] };
+        while let Some((at, first)) = waiting.pop() {
             let node = &self.nodes[at];
             let Some(enter) = enters(node.bounds) else { continue };
             if node.is_leaf() {
                 found.push((enter, self.order[first] as usize));
             } else {
                 let [a, b] = node.children(at);
-                left.extend([(b, first + node.left_count as usize), (a, first)]);
+                waiting.extend([(b, first + node.left_count as usize), (a, first)]);
             }
         }
         found
