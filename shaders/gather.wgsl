@@ -1,6 +1,6 @@
 // gather: the final gather of irradiance records (section 2 of the paper; Ward and Heckbert 1992). `place` puts new
 // records at points. `gather` traces a wave of rays over the hemisphere of each record, stratified in proportion to the
-// cosine. A ray takes the radiance at its hit from precomputed irradiance; where that look-up is not valid, `follow`
+// cosine. A ray takes the radiance at its hit from precomputed irradiance; where that look-up is not valid, pass `path`
 // traces a path from the hit. From the rays of a record, `record` computes irradiance, its rotational and translational
 // gradients, and the harmonic mean of the hit distances, as means over this wave and the earlier ones.
 // In: `points`, `surfaces`, and in `wanted` the points that get records.
@@ -12,18 +12,19 @@ import package::lib::packet::{no_ray, trace_closest_together};
 import package::lib::camera::pixel_size;
 import package::kit::{dispatch_groups, group_index};
 import package::lib::light::BEYOND_SCENE;
-import package::lib::math::{PI, basis, circle_point, is_finite3, luminance, oct_decode16};
-import package::lib::path_tracing::{PathStart, PathVertex, known_light, spread_along, spread_of, trace_path};
-import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
+import package::lib::gather_hit::{GatherHit, HIT_CAUSTIC_KNOWN, HIT_RESIDUAL};
+import package::lib::math::{PI, basis, circle_point, is_finite3, luminance, oct_decode16, oct_encode16};
+import package::lib::path_tracing::{known_light, spread_along, spread_of};
+import package::lib::point::{Point, VisibleSurface, visible_surface_of};
 import package::lib::visible_point::{load_point, load_surface};
-import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, offset_origin};
+import package::lib::ray::{NO_HIT, Ray, RaySample, offset_origin};
 import package::lib::record::RECORD_VALUE_TEXELS;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 @if(dispersion) import package::lib::rng::hash1;
 @if(dispersion) import package::lib::wavelength::begin_wavelengths;
-import package::lib::surface::{SurfaceHit, surface_at};
-import package::lib::constants::{DIMENSION_GATHER, GATHER_GROUP, MIN_RADIUS_PIXELS, RECORD_HEAD_TEXELS};
-import package::lib::constants::{COUNTER_GATHER_RAYS, COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_GATHER, COUNTER_OVERRUN};
+import package::lib::surface::surface_at;
+import package::lib::constants::{DIMENSION_GATHER, GATHER_GROUP, MIN_RADIUS_PIXELS, PATH_GROUP, RECORD_HEAD_TEXELS};
+import package::lib::constants::{COUNTER_NOT_FINITE_GATHER, COUNTER_OVERRUN};
 
 struct GatherParameters {
     // The records of this dispatch: the first one's index, and how many.
@@ -34,7 +35,6 @@ struct GatherParameters {
     sectors: u32,
     // Rays of each record in earlier waves.
     earlier_rays: u32,
-    max_bounces: u32,
     seed: u32,
     // Height of the image in pixels.
     height: u32,
@@ -62,20 +62,18 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(4) var<storage, read_write> record_origins: array<RecordOrigin>;
 // For each ray: its radiance, and the distance of its hit.
 @group(0) @binding(5) var<storage, read_write> gathered: array<vec4f>;
-// The rays that `follow` continues: how many, the arguments of the dispatch over them, their numbers (with
-// FOLLOW_RESIDUAL and FOLLOW_CAUSTIC_KNOWN in the top bits) and their hits.
-@group(0) @binding(6) var<storage, read_write> follow_count: array<atomic<u32>, 1>;
-@group(0) @binding(7) var<storage, read_write> follow_arguments: array<u32, 3>;
-@group(0) @binding(8) var<storage, read_write> follow_rays: array<u32>;
-@group(0) @binding(9) var<storage, read_write> follow_hits: array<vec4f>;
+// The rays that paths continue: how many, the arguments of the dispatch over them, and their indices.
+@group(0) @binding(6) var<storage, read_write> path_count: array<atomic<u32>, 1>;
+@group(0) @binding(7) var<storage, read_write> path_arguments: array<u32, 3>;
+@group(0) @binding(8) var<storage, read_write> path_points: array<u32>;
+// For each of them, at its index, what it hit.
+@group(0) @binding(9) var<storage, read_write> hit_points: array<Point>;
+@group(0) @binding(13) var<storage, read_write> hit_surfaces: array<VisibleSurface>;
+@group(0) @binding(14) var<storage, read_write> gather_hits: array<GatherHit>;
 @group(0) @binding(10) var<storage, read_write> record_heads: array<vec4f>;
 @group(0) @binding(11) var<storage, read_write> record_values: array<vec4f>;
 @group(0) @binding(12) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Marks a ray whose look-up gave the diffuse part: its path adds only the rest, the reflection of a metal.
-const FOLLOW_RESIDUAL = 0x80000000u;
-// Marks a ray whose look-up gave the light from focusing surfaces.
-const FOLLOW_CAUSTIC_KNOWN = 0x40000000u;
 // Gradients of fewer rays are mostly noise, and records that they make small take the place of few: in
 // scenes/sphere.glb 16 rays left 7,500 records, where 4,096 rays leave 1,500.
 const MIN_RAYS_OF_SLOPE = 64u;
@@ -166,12 +164,22 @@ fn gather(
             let known = known_light(found.surface, found.triangle_position, found.triangle_normal, spread);
             radiance = vec4f(known.radiance, radiance.w);
             @if(transmission) { radiance *= vec4f(found.transmittance, 1.0); }
-            var follow = select(0u, FOLLOW_RESIDUAL, known.all);
-            @if(caustics) { follow |= select(0u, FOLLOW_CAUSTIC_KNOWN, known.caustic); }
             if !known.all || reflects_more(found.surface) {
-                let at = atomicAdd(&follow_count[0], 1u);
-                follow_rays[at] = id | follow;
-                follow_hits[at] = vec4f(hit.t, hit.u, hit.v, bitcast<f32>(hit.triangle));
+                path_points[atomicAdd(&path_count[0], 1u)] = id;
+                hit_points[id] = Point(found.position, oct_encode16(found.surface.geometric_normal));
+                hit_surfaces[id] = visible_surface_of(found);
+                var onward = GatherHit(
+                    vec3f(1.0),
+                    spread,
+                    spread_of(gathering.pdf),
+                    oct_encode16(-gathering.ray.direction),
+                    gathering.seed,
+                    gathering.number,
+                );
+                @if(transmission) { onward.transmittance = found.transmittance; }
+                onward.number |= select(0u, HIT_RESIDUAL, known.all);
+                @if(caustics) { onward.number |= select(0u, HIT_CAUSTIC_KNOWN, known.caustic); }
+                gather_hits[id] = onward;
             }
         }
     }
@@ -180,48 +188,9 @@ fn gather(
 }
 
 @compute @workgroup_size(1)
-fn arrange_follow() {
-    let size = dispatch_groups(atomicLoad(&follow_count[0]), GATHER_GROUP);
-    follow_arguments = array(size.x, size.y, size.z);
-}
-
-@compute @workgroup_size(GATHER_GROUP)
-fn follow(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) lane: u32,
-) {
-    let i = group_index(group, groups) * GATHER_GROUP + lane;
-    let there = i < atomicLoad(&follow_count[0]);
-    var id = 0u;
-    var words = vec4f(0.0);
-    var gathering: GatherRay;
-    var found: SurfaceHit;
-    var vertex: PathVertex;
-    if there {
-        id = follow_rays[i] & ~(FOLLOW_RESIDUAL | FOLLOW_CAUSTIC_KNOWN);
-        words = follow_hits[i];
-        gathering = gather_ray(id);
-        @if(dispersion) { begin_wavelengths(gathering.seed, hash1(gathering.number), vec3f(1.0)); }
-        found = surface_at(Hit(words.x, words.y, words.z, bitcast<u32>(words.w)), gathering.ray);
-        vertex.position = found.position;
-        vertex.surface = found.surface;
-        vertex.sample_index = gathering.number;
-        @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
-    }
-    var start: PathStart;
-    start.there = there;
-    start.bounce = 1u;
-    start.spread = spread_along(gathering.pdf, words.x);
-    @if(glossy) { start.widest = spread_of(gathering.pdf); }
-    @if(caustics) { start.caustic_known = there && (follow_rays[i] & FOLLOW_CAUSTIC_KNOWN) != 0u; }
-    var radiance = trace_path(vertex, start, gathering.seed, gather_pass.max_bounces, 0u, lane).indirect;
-    if !there { return; }
-    @if(transmission) { radiance *= found.transmittance; }
-    gathered[id] = vec4f(gathered[id].xyz + finite_or_dark(radiance), words.x);
-    atomicAdd(&counters[COUNTER_GATHER_RAYS], bounce_rays + shadow_rays);
-    if heavy_path { atomicAdd(&counters[COUNTER_HEAVY_PATHS], 1u); }
-    if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
+fn arrange_paths() {
+    let size = dispatch_groups(atomicLoad(&path_count[0]), PATH_GROUP);
+    path_arguments = array(size.x, size.y, size.z);
 }
 
 // Sums over the rays of a record.

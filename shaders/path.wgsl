@@ -3,9 +3,10 @@
 // indirect light, except at points that no record covers. With `photon_map`, the map has already added the diffuse part
 // of all light. The path then adds only what glossy surfaces reflect besides. With `highlights`, paths are single rays
 // that may hit a light, and only points where such rays count (lib/bsdf_rays) trace them: `queue_highlights` queues
-// them.
+// them. With `irradiance_cache`, pass `gather` has paths traced from what its rays hit as well: from as many points, by
+// the same kernel.
 // In: `points`, `surfaces`. Out: direct light is added to `radiance_direct`, indirect light goes to
-// `radiance_indirect`.
+// `radiance_indirect`; from hits of gather rays it is added there, and w keeps their distances.
 
 import package::kit::group_index;
 @if(highlights) import package::kit::dispatch_groups;
@@ -14,15 +15,20 @@ import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
 import package::lib::light::table::light_count;
+@if(irradiance_cache && !highlights) import package::lib::gather_hit::{GatherHit, HIT_RESIDUAL, HIT_CAUSTIC_KNOWN};
 import package::lib::math::{is_finite3, invalid_sample};
+@if(irradiance_cache && !highlights) import package::lib::math::oct_decode16;
 import package::lib::path_tracing::{PathRadiance, PathStart, PathVertex, trace_path};
+import package::lib::point::{Point, VisibleSurface};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
 import package::lib::visible_point::{load_point, load_surface, visible_surface};
 @if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::rng::hash2;
+@if(dispersion && irradiance_cache && !highlights) import package::lib::rng::hash1;
 @if(dispersion) import package::lib::wavelength::begin_wavelengths;
 import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, PATH_GROUP, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS};
 import package::lib::constants::{COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_PATH, COUNTER_OVERRUN};
+@if(irradiance_cache && !highlights) import package::lib::constants::{COUNTER_GATHER_RAYS, COUNTER_NOT_FINITE_GATHER};
 
 struct PathParameters {
     tile: Tile,
@@ -32,6 +38,8 @@ struct PathParameters {
     light_samples: u32,
     // Upper limit of each component of the indirect light of a path.
     max_indirect: f32,
+    // 1: the points are hits of gather rays (lib/gather_hit), 0: they are points of the tile.
+    from_hits: u32,
 }
 
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
@@ -40,6 +48,7 @@ struct PathParameters {
 // The points for which records do not give all light: those that no record covers, and those that are not Lambertian.
 @if(irradiance_cache && !highlights) @group(0) @binding(5) var<storage, read> path_count: array<u32, 1>;
 @if(irradiance_cache && !highlights) @group(0) @binding(6) var<storage, read> path_points: array<u32>;
+@if(irradiance_cache && !highlights) @group(0) @binding(8) var<storage, read> gather_hits: array<GatherHit>;
 // The points with rays that may hit a light, and the arguments of a dispatch over them.
 @if(highlights) @group(0) @binding(5) var<storage, read_write> path_count: array<atomic<u32>, 1>;
 @if(highlights) @group(0) @binding(6) var<storage, read_write> path_points: array<u32>;
@@ -53,6 +62,11 @@ var<immediate> parameters: PathParameters;
 var<workgroup> group_shadow_rays: atomic<u32>;
 var<workgroup> group_bounce_rays: atomic<u32>;
 const SECOND_COUNT = 24u;
+
+fn from_hits() -> bool {
+    @if(irradiance_cache && !highlights) { return parameters.from_hits != 0u; }
+    @else { return false; }
+}
 
 @compute @workgroup_size(PATH_GROUP)
 fn path(
@@ -79,14 +93,24 @@ fn path(
         var finite = true;
         if begins {
             finite = is_finite3(found.direct) && is_finite3(found.indirect);
-            // The results of a path that exceeded the loop budget are wrong.
-            if traversal_overrun { found = PathRadiance(vec3f(invalid_sample(i)), vec3f(invalid_sample(i))); }
-            let so_far = radiance_direct[i];
-            radiance_direct[i] = vec4f(so_far.xyz + found.direct, so_far.w);
+            if !from_hits() {
+                // The results of a path that exceeded the loop budget are wrong.
+                if traversal_overrun { found = PathRadiance(vec3f(invalid_sample(i)), vec3f(invalid_sample(i))); }
+                let so_far = radiance_direct[i];
+                radiance_direct[i] = vec4f(so_far.xyz + found.direct, so_far.w);
+            } else if !finite {
+                // A single ray would make its record invalid, and with it all points that interpolate from the record.
+                found.indirect = vec3f(0.0);
+            }
             indirect = found.indirect;
         }
-        @if(irradiance_cache || photon_map) { indirect += radiance_indirect[i].xyz; }
-        radiance_indirect[i] = vec4f(indirect, 0.0);
+        var rest = 0.0;
+        @if(irradiance_cache || photon_map) {
+            let so_far = radiance_indirect[i];
+            indirect += so_far.xyz;
+            if from_hits() { rest = so_far.w; }
+        }
+        radiance_indirect[i] = vec4f(indirect, rest);
         if begins && traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
         atomicAdd(&group_shadow_rays, shadow_rays + (u32(!finite) << SECOND_COUNT));
         atomicAdd(&group_bounce_rays, bounce_rays + (u32(heavy_path) << SECOND_COUNT));
@@ -98,43 +122,84 @@ fn path(
         let rays = vec2u(shadows, bounces) & vec2u((1u << SECOND_COUNT) - 1u);
         // With `indirect`, another pass traces the shadow rays of direct light; the shadow rays of this pass count as
         // bounce rays.
-        @if(indirect) { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], rays.x + rays.y); }
+        @if(indirect) {
+            var counter = COUNTER_BOUNCE_RAYS;
+            @if(irradiance_cache && !highlights) { if from_hits() { counter = COUNTER_GATHER_RAYS; } }
+            atomicAdd(&counters[counter], rays.x + rays.y);
+        }
         @else {
             atomicAdd(&counters[COUNTER_SHADOW_RAYS], rays.x);
             atomicAdd(&counters[COUNTER_BOUNCE_RAYS], rays.y);
         }
-        if shadows != rays.x { atomicAdd(&counters[COUNTER_NOT_FINITE_PATH], shadows >> SECOND_COUNT); }
+        if shadows != rays.x {
+            var counter = COUNTER_NOT_FINITE_PATH;
+            @if(irradiance_cache && !highlights) { if from_hits() { counter = COUNTER_NOT_FINITE_GATHER; } }
+            atomicAdd(&counters[counter], shadows >> SECOND_COUNT);
+        }
         if bounces != rays.y { atomicAdd(&counters[COUNTER_HEAVY_PATHS], bounces >> SECOND_COUNT); }
     }
 }
 
-// The radiance of a path from point i, if it begins, as it reaches the camera through the specular chain.
+// A path before its first ray.
+struct Beginning {
+    vertex: PathVertex,
+    start: PathStart,
+    seed: u32,
+    // Throughput of the way to the first vertex.
+    throughput: vec3f,
+}
+
+// The path from point i of the tile, as it reaches the camera through the specular chain.
+fn begin_at_tile(path: ptr<function, Beginning>, i: u32, point: Point, surface: VisibleSurface) {
+    (*path).vertex.sample_index = tile_sample(parameters.tile, i);
+    @if((irradiance_cache || photon_map) && glossy) { (*path).vertex.residual = radiance_indirect[i].w != 0.0; }
+    (*path).seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
+    @if(caustics) { (*path).start.caustic_known = true; }
+    @if(specular_chains) { (*path).throughput = visible_chain(surface, point).throughput; }
+    @if(dispersion) {
+        begin_wavelengths(pixel_seed(parameters.tile, i), (*path).vertex.sample_index, (*path).throughput);
+    }
+}
+
+// The path from hit i of a gather ray, as it reaches the ray's record.
+@if(irradiance_cache && !highlights)
+fn begin_at_hit(path: ptr<function, Beginning>, i: u32) {
+    let hit = gather_hits[i];
+    let number = hit.number & ~(HIT_RESIDUAL | HIT_CAUSTIC_KNOWN);
+    (*path).vertex.surface.view = oct_decode16(hit.view);
+    (*path).vertex.sample_index = number;
+    @if(glossy) {
+        (*path).vertex.residual = (hit.number & HIT_RESIDUAL) != 0u;
+        (*path).start.widest = hit.widest;
+    }
+    (*path).start.bounce = 1u;
+    (*path).start.spread = hit.spread;
+    @if(caustics) { (*path).start.caustic_known = (hit.number & HIT_CAUSTIC_KNOWN) != 0u; }
+    (*path).seed = hit.seed;
+    (*path).throughput = hit.transmittance;
+    @if(dispersion) { begin_wavelengths(hit.seed, hash1(number), vec3f(1.0)); }
+}
+
+// The radiance of a path from point i, if it begins.
 fn radiance_along(i: u32, begins: bool, lane: u32) -> PathRadiance {
-    var vertex: PathVertex;
+    var path: Beginning;
+    path.throughput = vec3f(1.0);
+    path.start.there = begins;
     let point = load_point(i);
     let surface = load_surface(i);
     if begins {
-        vertex.position = point.position;
-        vertex.surface = visible_surface(surface, point);
+        path.vertex.position = point.position;
+        path.vertex.surface = visible_surface(surface, point);
     }
-    vertex.sample_index = tile_sample(parameters.tile, i);
-    @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
-    let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
-    var start: PathStart;
-    start.there = begins;
-    @if(caustics) { start.caustic_known = true; }
-    @if(dispersion) {
-        var before = vec3f(1.0);
-        @if(specular_chains) { before = visible_chain(surface, point).throughput; }
-        begin_wavelengths(pixel_seed(parameters.tile, i), vertex.sample_index, before);
-    }
-    var found = trace_path(vertex, start, seed, parameters.max_bounces, parameters.light_samples, lane);
+    if !from_hits() { begin_at_tile(&path, i, point, surface); }
+    @if(irradiance_cache && !highlights) { if from_hits() { begin_at_hit(&path, i); } }
+    let light_samples = parameters.light_samples;
+    var found = trace_path(path.vertex, path.start, path.seed, parameters.max_bounces, light_samples, lane);
     // A sample that is not finite stays so, and is counted.
     if is_finite3(found.indirect) { found.indirect = min(found.indirect, vec3f(parameters.max_indirect)); }
-    @if(specular_chains) {
-        let throughput = visible_chain(surface, point).throughput;
-        found.direct *= throughput;
-        found.indirect *= throughput;
+    @if(specular_chains || transmission) {
+        found.direct *= path.throughput;
+        found.indirect *= path.throughput;
     }
     return found;
 }

@@ -24,8 +24,7 @@ import package::lib::rng::hash2;
 @if(dispersion && specular_chains) import package::lib::wavelength::carry;
 import package::lib::sampling::sobol2;
 @if(specular_chains) import package::lib::sampling::sobol1;
-import package::lib::bsdf::surface::pack_surface;
-import package::lib::point::{Point, VisibleSurface};
+import package::lib::point::{Point, VisibleSurface, visible_surface_of};
 @if(specular_chains) import package::lib::bsdf::{bsdf_sample, is_clear, leaving_normal};
 @if(specular_chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
 @if(specular_chains) import package::lib::light::BEYOND_SCENE;
@@ -108,7 +107,7 @@ fn primary(
         @if(specular_chains) let ends = found.unlit || is_clear(found.surface);
         @if(!specular_chains) let ends = found.unlit;
         if !ends { point = Point(found.position, oct_encode16(found.surface.geometric_normal)); }
-        var surface = visible_surface(found);
+        var surface = visible_surface_of(found);
         @if(specular_chains) { surface.chain = chain; }
         @if(thin_lens) { surface.eye = vec4f(camera.ray.origin, 0.0); }
         surfaces[i] = surface;
@@ -136,16 +135,6 @@ fn chance_of_blending(hit: Hit) -> vec2f {
     let stopped = hit.triangle != NO_HIT && hit.triangle == last_stopping;
     let passed = nearest_passed < hit.t;
     return vec2f(f32(stopped || passed), f32(stopped));
-}
-
-// What other passes need of a surface; its chain is not known here.
-fn visible_surface(found: SurfaceHit) -> VisibleSurface {
-    var surface: VisibleSurface;
-    surface.packed = pack_surface(found.surface);
-    @if(smooth_normals && (photon_map || caustics)) {
-        surface.triangle = vec4f(found.triangle_position, bitcast<f32>(oct_encode16(found.triangle_normal)));
-    }
-    return surface;
 }
 
 // Maximum number of links of a specular chain. After so many, a few thousandths of the light that entered glass are

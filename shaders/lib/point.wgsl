@@ -1,7 +1,9 @@
 // Shading points, one for each sample of a tile's pixels, and the surfaces that they lie on.
 
-import package::lib::bsdf::surface::PackedSurface;
+import package::lib::bsdf::surface::{PackedSurface, pack_surface};
 @if(specular_chains) import package::lib::math::oct_decode16;
+@if(smooth_normals && (photon_map || caustics)) import package::lib::math::oct_encode16;
+import package::lib::surface::SurfaceHit;
 @if(!thin_lens) import package::lib::camera::view_direction;
 @if(specular_chains) import package::lib::constants::INVALID_POINT;
 
@@ -23,6 +25,17 @@ struct VisibleSurface {
     // The point on the triangle, where photons lie, and the triangle's normal (oct_encode16). `points` holds those of
     // the smooth surface, which may be farther from the triangle than the height of a search ellipsoid.
     @if(smooth_normals && (photon_map || caustics)) triangle: vec4f,
+}
+
+// What passes need of the surface that a ray hit, but for the way to it: the chain has no link.
+fn visible_surface_of(found: SurfaceHit) -> VisibleSurface {
+    var surface: VisibleSurface;
+    surface.packed = pack_surface(found.surface);
+    @if(specular_chains) { surface.chain = vec4f(vec3f(1.0), bitcast<f32>(INVALID_POINT)); }
+    @if(smooth_normals && (photon_map || caustics)) {
+        surface.triangle = vec4f(found.triangle_position, bitcast<f32>(oct_encode16(found.triangle_normal)));
+    }
+    return surface;
 }
 
 // The specular chain that leads to a point: its throughput, and the direction back along it.

@@ -96,10 +96,13 @@ impl IndirectLight {
             (None, _) => None,
         };
         let scene = with_irradiance(gpu_scene, map.as_ref());
-        let filling = |kernels| Filling { gpu, kernels, features, tile, primary, scene: &scene, camera, settings };
-        let cache = match cache {
-            Some(kernels) => Some(IrradianceCache::new(&filling(kernels), records, totals)?),
-            None => None,
+        let cache = match (cache, path) {
+            (Some(kernels), Some(path)) => {
+                let scene = &scene;
+                let filling = Filling { gpu, kernels, path, features, tile, primary, scene, camera, settings };
+                Some(IrradianceCache::new(&filling, records, totals)?)
+            }
+            _ => None,
         };
         let (path, highlights) = match path {
             Some(path) if features.has(Feature::Highlights) => {
@@ -133,9 +136,10 @@ impl IndirectLight {
             self.map = Some(GlobalMap::new(&shared, kernels, settings, path.is_some(), totals)?);
         }
         let scene = with_irradiance(gpu_scene, self.map.as_ref());
-        let before = match (&mut self.cache, cache) {
-            (Some(cache), Some(kernels)) => {
-                let filling = Filling { gpu, kernels, features, tile, primary, scene: &scene, camera, settings };
+        let before = match (&mut self.cache, cache, path) {
+            (Some(cache), Some(kernels), Some(path)) => {
+                let scene = &scene;
+                let filling = Filling { gpu, kernels, path, features, tile, primary, scene, camera, settings };
                 Some(cache.add_rays(&filling, totals)?)
             }
             _ => None,
@@ -231,9 +235,8 @@ fn bind_path(
     scene: &[&dyn Bindings],
     cache: Option<&IrradianceCache>,
 ) -> Result<BoundPath> {
-    let queue = cache.map(|cache| cache.buffers().path_queue());
     let mut sets = scene.to_vec();
-    sets.extend(queue.as_ref().map(|queue| queue as &dyn Bindings));
+    sets.extend(cache.map(|cache| cache.buffers() as &dyn Bindings));
     path.bind(gpu, tile, &sets)
 }
 
@@ -245,7 +248,7 @@ mod tests {
     #[test]
     fn costs_are_those_of_rays_and_of_waves() {
         let times = |gather: f64, cache: f64| {
-            BTreeMap::from([("gather/follow".to_owned(), gather), ("cache/request".to_owned(), cache)])
+            BTreeMap::from([("gather/path".to_owned(), gather), ("cache/request".to_owned(), cache)])
         };
         let cost = IndirectCost::new(1.0, 16, &times(1.0, 1.0), &times(1.25, 3.0));
         assert_eq!(cost.of(1, 16), 1.0);

@@ -14,6 +14,7 @@ use crate::gpu_scene::CameraUniform;
 use crate::kernels::{MIN_RADIUS_PIXELS, RECORD_MIN_WEIGHT};
 use crate::passes::cache::{Blocks, BoundCache, Cache, CacheBuffers, ViewRecords, wanted};
 use crate::passes::gather::{BoundGather, Gather, GatherSettings, RayBuffers, RecordBuffers, RecordHead, Wave};
+use crate::passes::path::Path;
 use crate::passes::primary::BoundPrimary;
 use crate::passes::{Tile, TileBuffers};
 use crate::settings::{ImageSettings, Settings};
@@ -61,6 +62,7 @@ pub(crate) struct IrradianceCache {
 pub(crate) struct Filling<'a> {
     pub gpu: &'a Gpu,
     pub kernels: &'a CacheKernels,
+    pub path: &'a Path,
     pub features: &'a Features,
     pub tile: &'a TileBuffers,
     pub primary: &'a BoundPrimary,
@@ -92,7 +94,7 @@ impl IrradianceCache {
             Some(kept) => (kept, &SPACINGS[..SPACINGS_BESIDE_KEPT]),
             None => {
                 let buffers = RecordBuffers::new(with.gpu, with.features, 1)?;
-                let ray_buffers = RayBuffers::new(with.gpu, 0)?;
+                let ray_buffers = RayBuffers::new(with.gpu, with.features, 0)?;
                 (Records { heads: Vec::new(), buffers, room: 1, ray_buffers, rays: 0 }, SPACINGS.as_slice())
             }
         };
@@ -263,8 +265,8 @@ impl Records {
 
     /// Binds the pass that gathers a wave at the records.
     fn bind_gather(&self, with: &Filling<'_>, wave: Wave) -> Result<BoundGather> {
-        let Filling { gpu, kernels, tile, scene, .. } = *with;
-        kernels.gather.bind(gpu, tile, wave, (&self.buffers, &self.ray_buffers), scene)
+        let Filling { gpu, kernels, path, tile, scene, .. } = *with;
+        kernels.gather.bind(gpu, path, tile, wave, (&self.buffers, &self.ray_buffers), scene)
     }
 
     /// Number of records of minimum radius: their surroundings are so near that a smaller radius would be needed.

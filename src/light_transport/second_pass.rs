@@ -177,6 +177,7 @@ impl SecondPass<'_, '_> {
             max_bounces: self.settings.indirect.max_bounces,
             light_samples: self.settings.shadow_rays.samples,
             max_indirect: self.settings.indirect.clamp.unwrap_or(f32::MAX),
+            from_hits: 0,
         };
         if let Some(indirect) = &self.lighting.indirect {
             indirect.trace_paths(self.frame, &parameters);

@@ -1,9 +1,12 @@
 //! Pass `cache`: the irradiance cache. It lists the points that need an irradiance record of their own, and
 //! interpolates the indirect light of the others from existing records.
 
-use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct};
+use kernel_kit::{
+    Binding, Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct,
+};
 
 use super::gather::RecordHead;
+use super::path::{GatherHit, HitBindings, PathQueueBindings};
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
 use crate::specialisation::features::Features;
@@ -181,6 +184,8 @@ pub struct CacheBuffers {
     pub path_points: Buffer,
     /// Arguments of a dispatch over them.
     pub path_arguments: Buffer,
+    /// Room for a hit of a gather ray, which the queued points are not.
+    no_hits: Buffer,
 }
 
 impl CacheBuffers {
@@ -196,6 +201,7 @@ impl CacheBuffers {
             path_count: words("penumbra/cache/path_count", 1)?,
             path_points: words("penumbra/cache/path_points", points)?,
             path_arguments: words("penumbra/cache/path_arguments", 3)?,
+            no_hits: gpu.buffer::<GatherHit>("penumbra/cache/no_hits", 1)?,
         })
     }
 
@@ -205,20 +211,11 @@ impl CacheBuffers {
     }
 }
 
-bindings! {
-    /// The queue for path tracing, as pass `path` reads it.
-    pub struct PathQueueBindings {
-        /// Number of queued points.
-        pub path_count: &Buffer,
-        /// Their indices.
-        pub path_points: &Buffer,
-    }
-}
-
-impl CacheBuffers {
+impl Bindings for CacheBuffers {
     /// The queue for path tracing.
-    pub fn path_queue(&self) -> PathQueueBindings<'_> {
-        PathQueueBindings { path_count: &self.path_count, path_points: &self.path_points }
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        let queue = PathQueueBindings { path_count: &self.path_count, path_points: &self.path_points };
+        queue.find(name).or_else(|| HitBindings { gather_hits: &self.no_hits }.find(name))
     }
 }
 

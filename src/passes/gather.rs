@@ -3,13 +3,17 @@
 
 use std::ops::Range;
 
-use kernel_kit::{Bindings, BoundKernel, Buffer, Gpu, Kernel, bindings, shared_struct, whole_rows};
+use kernel_kit::{
+    Binding, Bindings, BoundKernel, Buffer, Gpu, Kernel, KernelTable, TableFormat, bindings, shared_struct, whole_rows,
+};
 
-use super::{TileBuffers, kernel};
+use super::path::{BoundPath, GatherHit, HitBindings, Path, PathParameters, PathQueueBindings};
+use super::{Point, Tile, TileBuffers, VisiblePointBindings, kernel};
 use crate::Result;
 use crate::gpu_scene::sobol;
 use crate::kernels::{RECORD_HEAD_TEXELS, RECORD_VALUE_TEXELS_CURVED, RECORD_VALUE_TEXELS_FLAT};
 use crate::specialisation::features::{Feature, Features};
+use crate::specialisation::surface_vectors;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/gather.wgsl`.
@@ -19,7 +23,6 @@ shared_struct! {
         rings: u32,
         sectors: u32,
         earlier_rays: u32,
-        max_bounces: u32,
         seed: u32,
         height: u32,
     }
@@ -44,10 +47,12 @@ bindings! {
         pub wanted: &Buffer,
         pub wave_points: &Buffer,
         pub gathered: &Buffer,
-        pub follow_count: &Buffer,
-        pub follow_arguments: &Buffer,
-        pub follow_rays: &Buffer,
-        pub follow_hits: &Buffer,
+        pub path_count: &Buffer,
+        pub path_arguments: &Buffer,
+        pub path_points: &Buffer,
+        pub hit_points: &Buffer,
+        pub hit_surfaces: &Buffer,
+        pub gather_hits: &Buffer,
         pub record_origins: &Buffer,
         pub record_heads: &Buffer,
         pub record_values: &Buffer,
@@ -72,9 +77,9 @@ shared_struct! {
 
 const _: () = assert!(RECORD_HEAD_TEXELS as usize * size_of::<[f32; 4]>() == size_of::<RecordHead>());
 
-/// Maximum number of rays in a dispatch, unless a record has more: 4 MiB of results, and too short for a desktop's
+/// Maximum number of rays in a dispatch, unless a record has more: some 20 MiB of hits, and too short for a desktop's
 /// watchdog to stop it.
-const BATCH_RAYS: u32 = 1 << 18;
+const BATCH_RAYS: u32 = 1 << 17;
 
 /// The pass; see `shaders/gather.wgsl`.
 pub struct Gather(Kernel);
@@ -196,8 +201,8 @@ impl Wave {
 pub struct BoundGather {
     place: BoundKernel,
     gather: BoundKernel,
-    arrange_follow: BoundKernel,
-    follow: BoundKernel,
+    arrange_paths: BoundKernel,
+    path: BoundPath,
     record: BoundKernel,
     records: RecordBuffers,
     rays: RayBuffers,
@@ -208,29 +213,55 @@ pub struct BoundGather {
 /// needed, and are kept from wave to wave.
 #[derive(Clone)]
 pub struct RayBuffers {
+    /// For each ray its radiance, and the distance of its hit.
     gathered: Buffer,
-    follow_count: Buffer,
-    follow_arguments: Buffer,
-    follow_rays: Buffer,
-    follow_hits: Buffer,
+    /// The rays that paths continue: how many, the arguments of a dispatch over them, and their indices.
+    path_count: Buffer,
+    path_arguments: Buffer,
+    path_points: Buffer,
+    /// For each of them, at its index, what it hit.
+    points: KernelTable,
+    surfaces: KernelTable,
+    hits: Buffer,
     /// Their capacity, in rays.
     room: u32,
+    /// Vectors of a hit's surface.
+    surface_vectors: u32,
+}
+
+impl Bindings for RayBuffers {
+    /// What pass `path` reads of the hits.
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        let points = VisiblePointBindings { point_table: &self.points.table, surface_table: &self.surfaces.table };
+        let queue = PathQueueBindings { path_count: &self.path_count, path_points: &self.path_points };
+        let found = points.find(name).or_else(|| queue.find(name));
+        found.or_else(|| HitBindings { gather_hits: &self.hits }.find(name))
+    }
 }
 
 impl RayBuffers {
-    /// Room for `room` rays.
+    /// Room for `room` rays, for kernels of these features.
     ///
     /// # Errors
     /// As [`Gpu::buffer`].
-    pub fn new(gpu: &Gpu, room: u32) -> Result<RayBuffers> {
-        let rays = room as usize;
+    pub fn new(gpu: &Gpu, features: &Features, room: u32) -> Result<RayBuffers> {
+        RayBuffers::of(gpu, surface_vectors(features), room)
+    }
+
+    fn of(gpu: &Gpu, surface_vectors: u32, room: u32) -> Result<RayBuffers> {
+        let (rays, vectors) = (room as usize, surface_vectors as usize);
+        let points = gpu.buffer::<Point>("penumbra/gather/hit_points", rays)?;
+        let surfaces = gpu.buffer::<[f32; 4]>("penumbra/gather/hit_surfaces", rays * vectors)?;
         Ok(RayBuffers {
             gathered: gpu.buffer::<[f32; 4]>("penumbra/gather/gathered", rays)?,
-            follow_count: gpu.buffer::<u32>("penumbra/gather/follow_count", 1)?,
-            follow_arguments: gpu.buffer::<u32>("penumbra/gather/follow_arguments", 3)?,
-            follow_rays: gpu.buffer::<u32>("penumbra/gather/follow_rays", rays)?,
-            follow_hits: gpu.buffer::<[f32; 4]>("penumbra/gather/follow_hits", rays)?,
+            path_count: gpu.buffer::<u32>("penumbra/gather/path_count", 1)?,
+            path_arguments: gpu.buffer::<u32>("penumbra/gather/path_arguments", 3)?,
+            path_points: gpu.buffer::<u32>("penumbra/gather/path_points", rays)?,
+            points: gpu.table_of(points, TableFormat::Uint)?,
+            surfaces: gpu.table_of(surfaces, TableFormat::Uint)?,
+            hits: gpu.buffer::<GatherHit>("penumbra/gather/gather_hits", rays)?,
             room,
+            surface_vectors,
         })
     }
 
@@ -245,14 +276,15 @@ impl RayBuffers {
         if needed <= self.room {
             return Ok(false);
         }
-        *self = RayBuffers::new(gpu, needed.max(2 * self.room).min(most))?;
+        *self = RayBuffers::of(gpu, self.surface_vectors, needed.max(2 * self.room).min(most))?;
         Ok(true)
     }
 
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
-        let RayBuffers { gathered, follow_count, follow_arguments, follow_rays, follow_hits, .. } = self;
-        [gathered, follow_count, follow_arguments, follow_rays, follow_hits].map(|buffer| buffer.bytes).iter().sum()
+        let RayBuffers { gathered, path_points, hits, points, surfaces, .. } = self;
+        let buffers = [gathered, path_points, hits].map(|buffer| buffer.bytes);
+        buffers.iter().sum::<u64>() + points.buffer.bytes + surfaces.buffer.bytes
     }
 }
 
@@ -265,13 +297,15 @@ impl Gather {
         Ok(Gather(kernel(gpu, "gather", features, constants, &[GatherBindings::DECLARED])?))
     }
 
-    /// Binds it to a tile's buffers, for a wave of rays of records. Buffers of rays have room for a record's.
+    /// Binds it and pass `path`, which goes on from hits, to a tile's buffers, for a wave of rays of records. Buffers
+    /// of rays have room for a record's.
     ///
     /// # Errors
     /// As [`Kernel::bind`] and [`Gpu::buffer`].
     pub fn bind(
         &self,
         gpu: &Gpu,
+        path: &Path,
         tile: &TileBuffers,
         wave: Wave,
         (records, rays): (&RecordBuffers, &RayBuffers),
@@ -283,10 +317,12 @@ impl Gather {
             wanted: &records.wanted,
             wave_points: &gpu.upload("penumbra/gather/wave_points", &wave.points())?,
             gathered: &rays.gathered,
-            follow_count: &rays.follow_count,
-            follow_arguments: &rays.follow_arguments,
-            follow_rays: &rays.follow_rays,
-            follow_hits: &rays.follow_hits,
+            path_count: &rays.path_count,
+            path_arguments: &rays.path_arguments,
+            path_points: &rays.path_points,
+            hit_points: &rays.points.buffer,
+            hit_surfaces: &rays.surfaces.buffer,
+            gather_hits: &rays.hits,
             record_origins: &records.origins,
             record_heads: &records.heads,
             record_values: &records.values,
@@ -297,8 +333,8 @@ impl Gather {
         Ok(BoundGather {
             place: entry("place")?,
             gather: entry("gather")?,
-            arrange_follow: entry("arrange_follow")?,
-            follow: entry("follow")?,
+            arrange_paths: entry("arrange_paths")?,
+            path: path.bind_at_hits(gpu, tile, &rays.gathered, rays, scene)?,
             record: entry("record")?,
             records: records.clone(),
             rays: rays.clone(),
@@ -326,9 +362,9 @@ impl BoundGather {
 
     fn parameters(&self, records: &Range<u32>, settings: GatherSettings) -> GatherParameters {
         let ([rings, sectors], earlier_rays) = (self.wave.strata(), self.wave.earlier);
-        let GatherSettings { max_bounces, seed, height } = settings;
+        let GatherSettings { seed, height, .. } = settings;
         let (first_record, count) = (records.start, records.len() as u32);
-        GatherParameters { first_record, count, rings, sectors, earlier_rays, max_bounces, seed, height }
+        GatherParameters { first_record, count, rings, sectors, earlier_rays, seed, height }
     }
 
     /// Places new records at the tile's points `wanted`, after the `before` earlier ones, and gathers the wave at them.
@@ -351,14 +387,25 @@ impl BoundGather {
     /// As [`Gpu::check`].
     pub fn gather(&self, gpu: &Gpu, records: Range<u32>, settings: GatherSettings) -> Result<Vec<RecordHead>> {
         let batch = (self.rays.room / self.wave.rays).max(1);
+        let paths = PathParameters {
+            max_bounces: settings.max_bounces,
+            // Nothing but paths lights the hits, and records are means of all rays, however bright.
+            light_samples: 0,
+            max_indirect: f32::MAX,
+            from_hits: 1,
+            tile: Tile::default(),
+        };
         for first in records.clone().step_by(batch as usize) {
             let part = first..(first + batch).min(records.end);
             let parameters = self.parameters(&part, settings);
+            let rays = parameters.count * self.wave.rays;
             let mut frame = gpu.frame("gather");
-            frame.clear(&self.rays.follow_count);
-            frame.run(&self.gather, parameters.count * self.wave.rays, &parameters);
-            frame.run(&self.arrange_follow, 1, &parameters);
-            frame.run_indirect(&self.follow, &self.rays.follow_arguments, 0, &parameters);
+            frame.clear(&self.rays.path_count);
+            frame.run(&self.gather, rays, &parameters);
+            frame.run(&self.arrange_paths, 1, &parameters);
+            frame.publish(&self.rays.points, rays);
+            frame.publish(&self.rays.surfaces, rays * self.rays.surface_vectors);
+            self.path.record_queued(&mut frame, &self.rays.path_arguments, &paths);
             frame.run(&self.record, parameters.count, &parameters);
             frame.submit()?;
         }

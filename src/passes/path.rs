@@ -3,7 +3,6 @@
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
-use super::cache::PathQueueBindings;
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
 use crate::specialisation::features::{Feature, Features};
@@ -19,6 +18,8 @@ shared_struct! {
         pub light_samples: u32,
         /// Upper limit of each component of the indirect light of a path.
         pub max_indirect: f32,
+        /// 1 where the points are hits of gather rays, 0 where they are points of the tile.
+        pub from_hits: u32,
     }
 }
 
@@ -29,6 +30,36 @@ bindings! {
         pub radiance_direct: &Buffer,
         pub radiance_indirect: &Buffer,
         pub counters: &Buffer,
+    }
+}
+
+shared_struct! {
+    /// A hit of a gather ray from which pass `path` goes on; see `shaders/lib/gather_hit.wgsl`.
+    pub struct GatherHit {
+        transmittance: [f32; 3],
+        spread: f32,
+        widest: f32,
+        view: u32,
+        seed: u32,
+        number: u32,
+    }
+}
+
+bindings! {
+    /// A queue of points from which paths go on.
+    pub struct PathQueueBindings {
+        /// Number of queued points.
+        pub path_count: &Buffer,
+        /// Their indices.
+        pub path_points: &Buffer,
+    }
+}
+
+bindings! {
+    /// What the kernel reads of hits of gather rays, beside their points and surfaces.
+    pub struct HitBindings {
+        /// [`GatherHit`]s, by index of the ray.
+        pub gather_hits: &Buffer,
     }
 }
 
@@ -74,7 +105,9 @@ impl Path {
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Path> {
         let mut own = vec![PathBindings::DECLARED];
-        own.extend(features.has(Feature::Highlights).then_some(ArgumentBindings::DECLARED));
+        let highlights = features.has(Feature::Highlights);
+        own.extend(highlights.then_some(ArgumentBindings::DECLARED));
+        own.extend((features.has(Feature::IrradianceCache) && !highlights).then_some(HitBindings::DECLARED));
         Ok(Path(kernel(gpu, "path", features, constants, &own)?))
     }
 
@@ -88,6 +121,29 @@ impl Path {
         let mut sets: Vec<&dyn Bindings> = vec![&own, tile];
         sets.extend(scene);
         Ok(BoundPath(self.0.bind(gpu, "path", &sets)?))
+    }
+
+    /// Binds it to hits of gather rays: `gathered` has the radiance and the distance of each ray, and the paths add
+    /// what they find. `hits` has the queue of the rays that paths continue, their points, surfaces and
+    /// [`GatherHit`]s.
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`].
+    pub fn bind_at_hits(
+        &self,
+        gpu: &Gpu,
+        tile: &TileBuffers,
+        gathered: &Buffer,
+        hits: &dyn Bindings,
+        scene: &[&dyn Bindings],
+    ) -> Result<BoundPath> {
+        let TileBuffers { radiance_direct, counters, .. } = tile;
+        let own = PathBindings { radiance_direct, radiance_indirect: gathered, counters };
+        let mut sets: Vec<&dyn Bindings> = vec![&own, hits, tile];
+        sets.extend(scene);
+        let mut bound = self.0.bind(gpu, "path", &sets)?;
+        bound.label = "gather/path".to_owned();
+        Ok(BoundPath(bound))
     }
 
     /// As [`Path::bind`], with [`Feature::Highlights`].

@@ -8,6 +8,7 @@ use kernel_kit::{Binding, Bindings, Buffer, Gpu, POISON, Table, TableFormat, ker
 use penumbra::internal::passes::gather::{Gather, GatherSettings, RayBuffers, RecordBuffers, RecordHead, Wave};
 use penumbra::internal::passes::grid::{Grid, Photon, SortedPhotons};
 use penumbra::internal::passes::irradiance::irradiance_point_grid;
+use penumbra::internal::passes::path::Path;
 use penumbra::internal::passes::{Point, TileBuffers};
 use penumbra::internal::scene::{LightKind, Material, Scene};
 use penumbra::internal::specialisation::features::Feature;
@@ -167,13 +168,15 @@ impl<'a> Gathering<'a> {
         let end = self.before + wanted.len() as u32;
         let mut buffers = RecordBuffers::new(gpu, features, end + 1).unwrap();
         buffers.values = gpu.poisoned::<[f32; 4]>("test/values", whole_rows(count + 1)).unwrap();
-        let pass = Gather::new(gpu, features, &self.stage.gpu_scene.constants()).unwrap();
+        let constants = self.stage.gpu_scene.constants();
+        let pass = Gather::new(gpu, features, &constants).unwrap();
+        let path = Path::new(gpu, features, &constants).unwrap();
         let sets: [&dyn Bindings; 2] = [&self.stage.gpu_scene, self.known];
-        let mut ray_buffers = RayBuffers::new(gpu, 0).unwrap();
+        let mut ray_buffers = RayBuffers::new(gpu, features, 0).unwrap();
         for wave in self.waves {
             ray_buffers.grow(gpu, wanted.len() as u32, wave.rays).unwrap();
         }
-        let bind = |wave: &Wave| pass.bind(gpu, &tile, *wave, (&buffers, &ray_buffers), &sets).unwrap();
+        let bind = |wave: &Wave| pass.bind(gpu, &path, &tile, *wave, (&buffers, &ray_buffers), &sets).unwrap();
         let bound: Vec<_> = self.waves.iter().map(bind).collect();
         let records = seeds.map(|seed| {
             let settings = GatherSettings { max_bounces: self.max_bounces, seed, height: HEIGHT };
@@ -367,6 +370,31 @@ fn narrow_rays_take_focused_light_from_irradiance_points(gpu: &Gpu) {
     }
 }
 
+/// A mirror shows gather rays what lies before it: a bright square behind the point lights it from behind the mirror,
+/// at the mirrored place. So paths leave hits in the right direction.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn gather_rays_are_mirrored(gpu: &Gpu) {
+    let mut random = Random(8);
+    let mirror = Material { metallic: 1.0, roughness: 0.0, ..surface(1.0, 0.0) };
+    let above = square(DVec3::Y * 0.3, DVec3::X * 0.6, DVec3::Z * 0.6);
+    let bright = square(DVec3::new(0.1, -0.2, 0.0), DVec3::Z * 0.2, DVec3::X * 0.25);
+    let stage = stage(gpu, &[(above, mirror), (bright.clone(), surface(CEILING, 0.0))], false);
+    let texels = [[BRIGHT, BRIGHT, BRIGHT, clear_disc(NEAR)], [0.0; 4]];
+    let known = Known::with(gpu, &stage, &positions_on(&bright, 20_000, &mut random), &texels);
+    let image = |height: f64| square(DVec3::new(0.1, height, 0.0), DVec3::X * 0.25, DVec3::Z * 0.2);
+    for x in [0.1, -0.2] {
+        let point = (DVec3::new(x, 0.0, 0.0), DVec3::Y);
+        let (by_seed, followed) = Gathering::new(&stage, &known).run(gpu, &[point], &[0], 0..256);
+        assert!(followed > 1000, "{followed}");
+        let (mean, error) = mean_and_error(by_seed.iter().map(|records| records[0].irradiance()));
+        let from =
+            |height: f64| f64::from(CEILING * BRIGHT) / PI * form_factor(&image(height), false, point.0, point.1, true);
+        println!("{x}: {:.4} +- {:.4}", mean / from(0.8), error / from(0.8));
+        z_test(mean, error, from(0.8), 2).unwrap_or_else(|e| panic!("{x}: {e}"));
+        z_test(mean, error, from(0.7), 2).expect_err("another height");
+    }
+}
+
 /// Harmonic mean distances: in the middle of a sphere its radius; between wide planes 3/2 of their distance, as the
 /// mean of the cosine is 2/3 there. Uniform light has no gradient, and neither has darkness: its records are as large.
 #[kernel_test("PENUMBRA_DEVICE")]
@@ -473,10 +501,11 @@ fn waves_add_up(gpu: &Gpu) {
     tile.surfaces = published(gpu, "test/surfaces", &vec![surface; point_count as usize]);
     let buffers = RecordBuffers::new(gpu, features, point_count).unwrap();
     let pass = Gather::new(gpu, features, &stage.gpu_scene.constants()).unwrap();
+    let path = Path::new(gpu, features, &stage.gpu_scene.constants()).unwrap();
     let sets: [&dyn Bindings; 2] = [&stage.gpu_scene, &known];
     // Room for the rays of some records at a time.
-    let ray_buffers = RayBuffers::new(gpu, 1000).unwrap();
-    let bind = |wave: &Wave| pass.bind(gpu, &tile, *wave, (&buffers, &ray_buffers), &sets).unwrap();
+    let ray_buffers = RayBuffers::new(gpu, features, 1000).unwrap();
+    let bind = |wave: &Wave| pass.bind(gpu, &path, &tile, *wave, (&buffers, &ray_buffers), &sets).unwrap();
     let settings = GatherSettings { max_bounces: 64, seed: 7, height: HEIGHT };
     let wanted: Vec<u32> = (0..point_count).collect();
     bind(&IN_WAVES[0]).place(gpu, &wanted, 0, settings).unwrap();

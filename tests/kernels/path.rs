@@ -106,7 +106,7 @@ fn render_clamped(
     let mut frame = gpu.frame("test");
     frame.clear(&buffers.counters);
     primary.record(&mut frame, &tile);
-    bound.record(&mut frame, &PathParameters { tile, max_bounces, light_samples: 1, max_indirect });
+    bound.record(&mut frame, &PathParameters { tile, max_bounces, light_samples: 1, max_indirect, from_hits: 0 });
     frame.submit().unwrap();
     let read = |buffer: &kernel_kit::Buffer| gpu.read::<[f32; 4]>(buffer, point_count as usize).unwrap();
     let rendered = Rendered {
@@ -350,7 +350,8 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
         buffers.radiance_indirect = Some(gpu.poisoned::<[f32; 4]>("test/indirect", count).unwrap());
         let primary = Primary::new(gpu, &features, &constants).unwrap().bind(gpu, &buffers, &gpu_scene).unwrap();
         let path = Path::new(gpu, &features, &constants).unwrap();
-        let parameters = PathParameters { tile, max_bounces: 0, light_samples: 4, max_indirect: f32::MAX };
+        let parameters =
+            PathParameters { tile, max_bounces: 0, light_samples: 4, max_indirect: f32::MAX, from_hits: 0 };
         let mut frame = gpu.frame("test");
         frame.clear(&buffers.counters);
         primary.record(&mut frame, &tile);

@@ -33,10 +33,12 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::check`].
     pub fn compile_ahead(&self, known: &(dyn Bindings + Sync)) -> Result<()> {
-        let waiting = std::mem::take(&mut *self.undispatched());
+        let mut waiting = std::mem::take(&mut *self.undispatched());
         if waiting.is_empty() {
             return Ok(());
         }
+        // Small kernels tell soonest whether the cache has them.
+        waiting.sort_by_cached_key(|kernel| kernel.entry.interface.inlined_size(&kernel.source));
         // The first kernel would seem to take the time of what was uploaded before it.
         self.wait("uploads")?;
         let mut stage = Stage { device: &self.device, queue: &self.queue, known, textures: Vec::new() };
@@ -59,8 +61,8 @@ impl Gpu {
         Ok(())
     }
 
-    /// Has further devices translate the kernels, so that the driver's cache has them. What fails there fails on this
-    /// device as well, which will say so.
+    /// Has further devices translate the kernels, which are sorted by size, so that the driver's cache has them. What
+    /// fails there fails on this device as well, which will say so.
     /// `watch` hears how many are done.
     fn fill_cache(&self, kernels: &[Undispatched], known: &(dyn Bindings + Sync), watch: &(dyn Fn(usize) + Sync)) {
         let (next, done) = (AtomicUsize::new(0), Mutex::new(0));
@@ -69,7 +71,9 @@ impl Gpu {
             let Ok((device, queue)) = adapter::request(&self.adapter, self.requested) else { return };
             device.on_uncaptured_error(Arc::new(|_| ()));
             let mut stage = Stage { device: &device, queue: &queue, known, textures: Vec::new() };
-            while let Some(Undispatched { source, entry }) = kernels.get(next.fetch_add(1, Ordering::Relaxed)) {
+            // The largest first: begun last, it would keep one core busy while the others wait.
+            let largest = || kernels.len().checked_sub(1 + next.fetch_add(1, Ordering::Relaxed));
+            while let Some(Undispatched { source, entry }) = largest().map(|index| &kernels[index]) {
                 let interface = entry.interface.clone();
                 let built = interface.build(&device, source, &source.shader(&device));
                 let _ = stage.dispatch(&Entry { interface, built });

@@ -187,6 +187,19 @@ impl Interface {
         self.uniform_parameters || self.sliced
     }
 
+    /// Expressions of the entry point, with those of each function as often as it is called: drivers put functions
+    /// where they are called, and take about as long as that makes the kernel.
+    pub(crate) fn inlined_size(&self, source: &Source) -> usize {
+        let module = &source.module;
+        // Functions come after those that they call.
+        let mut sizes = Vec::with_capacity(module.functions.len());
+        for (_, function) in module.functions.iter() {
+            sizes.push(size_with_calls(function, &sizes));
+        }
+        let entry = module.entry_points.iter().find(|entry| entry.name == self.entry);
+        entry.map_or(0, |entry| size_with_calls(&entry.function, &sizes))
+    }
+
     pub(crate) fn build(&self, device: &wgpu::Device, source: &Source, shader: &wgpu::ShaderModule) -> Built {
         let label = self.label();
         let layout = |variables: &Vec<Variable>| {
@@ -220,6 +233,24 @@ impl Interface {
         });
         Built { layouts, pipeline }
     }
+}
+
+/// Expressions of a function, and the `sizes` of those that it calls.
+fn size_with_calls(function: &naga::Function, sizes: &[usize]) -> usize {
+    function.expressions.len() + called(&function.body, sizes)
+}
+
+/// The sizes of the functions that a block calls.
+fn called(block: &naga::Block, sizes: &[usize]) -> usize {
+    let of = |statement: &naga::Statement| match statement {
+        naga::Statement::Call { function, .. } => sizes.get(function.index()).copied().unwrap_or(0),
+        naga::Statement::Block(block) => called(block, sizes),
+        naga::Statement::If { accept, reject, .. } => called(accept, sizes) + called(reject, sizes),
+        naga::Statement::Loop { body, continuing, .. } => called(body, sizes) + called(continuing, sizes),
+        naga::Statement::Switch { cases, .. } => cases.iter().map(|case| called(&case.body, sizes)).sum(),
+        _ => 0,
+    };
+    block.iter().map(of).sum()
 }
 
 fn binding_type(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<wgpu::BindingType> {
@@ -257,5 +288,33 @@ fn binding_type(module: &naga::Module, variable: &naga::GlobalVariable) -> Optio
             Some(wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false })
         }
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A function counts for each of its calls, in whatever block, and so does what it calls.
+    #[test]
+    fn calls_count_as_often_as_they_are_made() {
+        let text = "
+            fn leaf(x: f32) -> f32 { return x + 1.0; }
+            fn twice(x: f32) -> f32 { return leaf(leaf(x)); }
+            fn everywhere(x: f32) -> f32 {
+                var y = leaf(x);
+                if x > 0.0 { y += leaf(y); } else { y += leaf(x); }
+                for (var i = 0; i < 3; i++) { y += twice(y); }
+                switch i32(x) { case 1: { y += leaf(y); } default: { y += leaf(x); } }
+                return y;
+            }";
+        let module = naga::front::wgsl::parse_str(text).unwrap();
+        let mut sizes = Vec::new();
+        for (_, function) in module.functions.iter() {
+            sizes.push(size_with_calls(function, &sizes));
+        }
+        let own: Vec<usize> = module.functions.iter().map(|(_, function)| function.expressions.len()).collect();
+        let leaf = own[0];
+        assert_eq!(sizes, [leaf, own[1] + 2 * leaf, own[2] + 5 * leaf + own[1] + 2 * leaf]);
     }
 }
