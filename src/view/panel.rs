@@ -74,6 +74,8 @@ pub struct Panel {
     follows_window: bool,
     /// As the user has set them; none before the first picture.
     choices: Option<Choices>,
+    /// The scene that they are for.
+    scene: PathBuf,
     fov: f64,
     f_number: Option<f64>,
     file: String,
@@ -96,6 +98,7 @@ impl Panel {
         Panel {
             follows_window,
             choices: None,
+            scene: PathBuf::new(),
             fov: 0.0,
             f_number: None,
             file: "picture.png".to_owned(),
@@ -132,6 +135,11 @@ impl Panel {
     /// Lays out the window.
     pub fn show(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Vec<Request> {
         let mut requests = Vec::new();
+        let picture = &snapshot.picture;
+        if self.scene != picture.file {
+            self.scene.clone_from(&picture.file);
+            self.choices.iter_mut().for_each(|choices| choices.pose = picture.choices.pose.clone());
+        }
         SidePanel::right("panel").exact_size(WIDTH).resizable(false).show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| self.controls(ui, snapshot, &mut requests));
         });

@@ -507,15 +507,21 @@ impl State {
 
     /// Reads the scene if another one is wanted. What cannot be read leaves the last one.
     fn load(&mut self) -> Result<()> {
-        let origin = Origin { file: self.file.clone(), pose: self.choices.pose.clone(), reloads: self.reloads };
+        let mut pose = self.choices.pose.clone();
+        let is_another = self.scene.as_ref().is_some_and(|loaded| loaded.origin.file != self.file);
+        if is_another {
+            // A file has animations and variants of its own.
+            (pose.time, pose.variant) = (None, None);
+        }
+        let origin = Origin { file: self.file.clone(), pose, reloads: self.reloads };
         if self.tried.as_ref() == Some(&origin) {
             return Ok(());
         }
         self.tried = Some(origin.clone());
         let scene = self.source.load(&origin.file, &origin.pose)?;
         // The view of a file that is read again stays.
-        if self.scene.as_ref().is_some_and(|loaded| loaded.origin.file != origin.file) {
-            self.eye = Eye::default();
+        if is_another {
+            (self.eye, self.choices.pose) = (Eye::default(), origin.pose.clone());
         }
         self.picked = None;
         self.scene = Some(Loaded { scene: Arc::new(scene), origin });

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use egui::{Event, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, Vec2, accesskit};
 use kernel_kit::Compilation;
-use penumbra::internal::view::{Eye, Overlay, Panel, Picture, Request, Snapshot};
+use penumbra::internal::view::{Command, Eye, Overlay, Panel, Picture, Pose, Request, Snapshot};
 
 use crate::setup::{choices, settings};
 
@@ -190,6 +190,27 @@ fn sliders_leave_values_alone() {
     for value in ["65536", "100", "30", "150"] {
         assert!(texts.iter().any(|text| text.starts_with(value)), "{value} is not in {texts:?}");
     }
+}
+
+/// Another file has animations and variants of its own; what else was chosen stays.
+#[test]
+fn another_file_has_its_own_pose() {
+    let mut snapshot = snapshot();
+    let pose = &mut snapshot.picture.choices.pose;
+    (pose.time, pose.variant) = (Some(1.0), Some("oak".into()));
+    snapshot.picture.choices.display.exposure = 3.0;
+    let mut window = Window::new(snapshot);
+    let mut chosen = || {
+        let requests = window.frame(vec![key(Key::Num2, Modifiers::NONE)], Modifiers::NONE).0;
+        let [Request::Command(Command::Choose(choices))] = &requests[..] else { panic!("{requests:?}") };
+        assert_eq!(choices.display.exposure, 3.0);
+        let pose = choices.pose.clone();
+        window.snapshot.picture.file = PathBuf::from("other.glb");
+        window.snapshot.picture.choices.pose = Pose::default();
+        pose
+    };
+    assert_eq!(chosen(), Pose { time: Some(1.0), variant: Some("oak".into()), ..Pose::default() });
+    assert_eq!(chosen(), Pose::default());
 }
 
 #[test]

@@ -176,6 +176,12 @@ fn a_picked_pixel_tells_its_surface_and_its_lights() {
     assert!(light.photons[0] > 0.0 && light.visibility > 0.2, "{light:?}");
 }
 
+fn add_camera(file: &mut File) {
+    let lens = json!({ "type": "perspective", "perspective": { "yfov": 1.2, "aspectRatio": 1, "znear": 0.1 } });
+    let camera = file.add("cameras", lens);
+    file.add("nodes", json!({ "camera": camera }));
+}
+
 /// Instances are picked where they are, and the mesh that they share is nowhere else.
 #[test]
 fn instances_are_picked_where_they_are() {
@@ -185,9 +191,7 @@ fn instances_are_picked_where_they_are() {
     let mesh = file.mesh(&[square, square].concat(), json!({}));
     file.json["nodes"][mesh]["translation"] = json!([2, 0, -5]);
     file.add("nodes", json!({ "mesh": 0, "translation": [-2, 0, -7], "scale": [2, 2, 2] }));
-    let lens = json!({ "type": "perspective", "perspective": { "yfov": 1.2, "aspectRatio": 1, "znear": 0.1 } });
-    let camera = file.add("cameras", lens);
-    file.add("nodes", json!({ "camera": camera }));
+    add_camera(&mut file);
     for max_copied_triangles in [Some(0), None] {
         let options = ImportOptions { max_copied_triangles, ..ImportOptions::default() };
         let scene = Scene::from_bytes(&file.glb(), Path::new("squares.glb"), &options).unwrap();
@@ -424,6 +428,27 @@ fn another_scene_replaces_the_first() {
     assert_eq!((missing.pixels, missing.picture.file), (first.pixels, PathBuf::from(BOX)));
     let sphere = settle(&mut session, [Command::Open(SPHERE.into())]);
     assert_eq!((sphere.message, sphere.picture.eye.viewpoint), (None, Viewpoint::Given));
+    assert!(*sphere.pixels == bytes(&render(SPHERE, None, &settings())));
+}
+
+/// The variant that was chosen is one of its file: a missing file leaves it, and another one is shown without.
+#[test]
+fn another_scene_has_no_variant_of_the_first() {
+    let folder = folder();
+    let path = folder.path().join("variants.glb");
+    let mut file = File::triangle();
+    add_camera(&mut file);
+    file.json["extensions"] = json!({ "KHR_materials_variants": { "variants": [{ "name": "red" }] } });
+    file.json["extensionsUsed"] = json!(["KHR_materials_variants"]);
+    fs::write(&path, file.glb()).unwrap();
+    let mut session = session(gpu(), &path, settings());
+    let mut red = choices(settings());
+    red.pose.variant = Some("red".into());
+    assert_eq!(settle(&mut session, [Command::Choose(Box::new(red.clone()))]).message, None);
+    let missing = settle(&mut session, [Command::Open(PathBuf::from("missing.glb"))]);
+    assert_eq!((missing.picture.file, missing.picture.choices.pose), (path, red.pose));
+    let sphere = settle(&mut session, [Command::Open(SPHERE.into())]);
+    assert_eq!((sphere.message, sphere.picture.choices.pose.variant), (None, None));
     assert!(*sphere.pixels == bytes(&render(SPHERE, None, &settings())));
 }
 

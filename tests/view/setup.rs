@@ -23,7 +23,8 @@ pub struct Files;
 
 impl Source for Files {
     fn load(&self, file: &Path, pose: &Pose) -> Result<Scene> {
-        Scene::load(file, &ImportOptions { time: pose.time, ..ImportOptions::default() })
+        let (time, variant) = (pose.time, pose.variant.clone());
+        Scene::load(file, &ImportOptions { time, variant, ..ImportOptions::default() })
     }
 
     fn camera(&self, scene: &Scene, eye: &Eye, _: f32) -> Result<Camera> {
