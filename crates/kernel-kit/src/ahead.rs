@@ -3,10 +3,9 @@
 //! A software device translates a kernel to machine code when it is first dispatched, all of them one after the other
 //! on the queue's thread: seconds, unless the driver's cache on disk has them. So kernels are dispatched over no
 //! workgroups before anything is timed; and where the cache has none of them, devices opened for nothing else fill it
-//! from all cores.
+//! from the other cores.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -43,52 +42,75 @@ impl Gpu {
         self.wait("uploads")?;
         let mut stage = Stage { device: &self.device, queue: &self.queue, known, textures: Vec::new() };
         let mut translated = 0;
+        let all = waiting.len();
         let watch = self.watch().unwrap_or_else(|| Arc::new(|_| ()));
-        for (i, kernel) in waiting.iter().enumerate() {
+        for (kernel, done) in waiting.iter().zip(1..) {
             let start = Instant::now();
-            stage.dispatch(&kernel.entry)?;
-            self.wait(&kernel.entry.interface.label())?;
+            self.translate(&mut stage, kernel)?;
             translated += usize::from(start.elapsed() > TRANSLATED);
-            if (1..=SURE).contains(&translated) {
-                watch(Compilation { done: i + 1, all: waiting.len() });
+            if translated > 0 {
+                watch(Compilation { done, all });
             }
             if translated == SURE {
-                let all = waiting.len();
-                self.fill_cache(&waiting[i + 1..], known, &|done| watch(Compilation { done: i + 1 + done, all }));
-                translated += 1;
+                let watch_rest = |more| watch(Compilation { done: done + more, all });
+                return self.translate_on_all_cores(&mut stage, &waiting[done..], &watch_rest);
             }
         }
         Ok(())
     }
 
-    /// Has further devices translate the kernels, which are sorted by size, so that the driver's cache has them. What
-    /// fails there fails on this device as well, which will say so.
-    /// `watch` hears how many are done.
-    fn fill_cache(&self, kernels: &[Undispatched], known: &(dyn Bindings + Sync), watch: &(dyn Fn(usize) + Sync)) {
-        let (next, done) = (AtomicUsize::new(0), Mutex::new(0));
-        let workers = std::thread::available_parallelism().map_or(1, usize::from).min(kernels.len());
+    /// Has this device translate a kernel.
+    fn translate(&self, stage: &mut Stage, kernel: &Undispatched) -> Result<()> {
+        stage.dispatch(&kernel.entry)?;
+        self.wait(&kernel.entry.interface.label())
+    }
+
+    /// Has this device translate kernels, which are sorted by size, from the smallest on, and further devices from the
+    /// largest on: begun last, it would keep one core busy while the others wait. What those have translated this
+    /// device then finds in the driver's cache; what fails there fails here as well, which says so. `watch` hears how
+    /// many are done.
+    fn translate_on_all_cores(
+        &self,
+        stage: &mut Stage,
+        kernels: &[Undispatched],
+        watch: &(dyn Fn(usize) + Sync),
+    ) -> Result<()> {
+        let (left, done) = (Mutex::new(0..kernels.len()), Mutex::new(0));
+        let count = || {
+            // One after the other, so that numbers only grow.
+            let mut done = lock(&done);
+            *done += 1;
+            watch(*done);
+        };
+        let known = stage.known;
         let work = || {
             let Ok((device, queue)) = adapter::request(&self.adapter, self.requested) else { return };
             device.on_uncaptured_error(Arc::new(|_| ()));
             let mut stage = Stage { device: &device, queue: &queue, known, textures: Vec::new() };
-            // The largest first: begun last, it would keep one core busy while the others wait.
-            let largest = || kernels.len().checked_sub(1 + next.fetch_add(1, Ordering::Relaxed));
+            let largest = || lock(&left).next_back();
             while let Some(Undispatched { source, entry }) = largest().map(|index| &kernels[index]) {
                 let interface = entry.interface.clone();
                 let built = interface.build(&device, source, &source.shader(&device));
                 let _ = stage.dispatch(&Entry { interface, built });
                 let _ = device.poll(wgpu::PollType::wait_indefinitely());
-                // One after the other, so that numbers only grow.
-                let mut done = lock(&done);
-                *done += 1;
-                watch(*done);
+                count();
             }
         };
+        let workers = std::thread::available_parallelism().map_or(1, usize::from) - 1;
+        let mut own = 0;
         std::thread::scope(|scope| {
-            for _ in 0..workers {
+            for _ in 0..workers.min(kernels.len()) {
                 scope.spawn(work);
             }
-        });
+            let smallest = || lock(&left).next();
+            while let Some(index) = smallest() {
+                self.translate(stage, &kernels[index]).inspect_err(|_| *lock(&left) = 0..0)?;
+                count();
+                own = index + 1;
+            }
+            Ok(())
+        })?;
+        kernels[own..].iter().try_for_each(|kernel| self.translate(stage, kernel))
     }
 }
 
