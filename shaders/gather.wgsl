@@ -68,11 +68,11 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(8) var<storage, read_write> path_points: array<u32>;
 // For each of them, at its index, what it hit.
 @group(0) @binding(9) var<storage, read_write> hit_points: array<Point>;
-@group(0) @binding(13) var<storage, read_write> hit_surfaces: array<VisibleSurface>;
-@group(0) @binding(14) var<storage, read_write> gather_hits: array<GatherHit>;
-@group(0) @binding(10) var<storage, read_write> record_heads: array<vec4f>;
-@group(0) @binding(11) var<storage, read_write> record_values: array<vec4f>;
-@group(0) @binding(12) var<storage, read_write> counters: array<atomic<u32>>;
+@group(0) @binding(10) var<storage, read_write> hit_surfaces: array<VisibleSurface>;
+@group(0) @binding(11) var<storage, read_write> gather_hits: array<GatherHit>;
+@group(0) @binding(12) var<storage, read_write> record_heads: array<vec4f>;
+@group(0) @binding(13) var<storage, read_write> record_values: array<vec4f>;
+@group(0) @binding(14) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Gradients of fewer rays are mostly noise, and records that they make small take the place of few: in
 // scenes/sphere.glb 16 rays left 7,500 records, where 4,096 rays leave 1,500.

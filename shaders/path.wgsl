@@ -3,10 +3,10 @@
 // indirect light, except at points that no record covers. With `photon_map`, the map has already added the diffuse part
 // of all light. The path then adds only what glossy surfaces reflect besides. With `highlights`, paths are single rays
 // that may hit a light, and only points where such rays count (lib/bsdf_rays) trace them: `queue_highlights` queues
-// them. With `irradiance_cache`, pass `gather` has paths traced from what its rays hit as well: from as many points, by
-// the same kernel.
+// them. With `irradiance_cache`, the kernel also continues gather rays: their hits, which pass `gather` writes, are
+// points as those of a tile are.
 // In: `points`, `surfaces`. Out: direct light is added to `radiance_direct`, indirect light goes to
-// `radiance_indirect`; from hits of gather rays it is added there, and w keeps their distances.
+// `radiance_indirect`. For gather rays that is their radiance so far, and w, their distance, stays.
 
 import package::kit::group_index;
 @if(highlights) import package::kit::dispatch_groups;
@@ -15,20 +15,20 @@ import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
 import package::lib::light::table::light_count;
-@if(irradiance_cache && !highlights) import package::lib::gather_hit::{GatherHit, HIT_RESIDUAL, HIT_CAUSTIC_KNOWN};
+@if(irradiance_cache) import package::lib::gather_hit::{GatherHit, HIT_RESIDUAL, HIT_CAUSTIC_KNOWN};
 import package::lib::math::{is_finite3, invalid_sample};
-@if(irradiance_cache && !highlights) import package::lib::math::oct_decode16;
+@if(irradiance_cache) import package::lib::math::oct_decode16;
 import package::lib::path_tracing::{PathRadiance, PathStart, PathVertex, trace_path};
-import package::lib::point::{Point, VisibleSurface};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
+import package::lib::point::{Point, VisibleSurface};
 import package::lib::visible_point::{load_point, load_surface, visible_surface};
 @if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::rng::hash2;
-@if(dispersion && irradiance_cache && !highlights) import package::lib::rng::hash1;
+@if(dispersion && irradiance_cache) import package::lib::rng::hash1;
 @if(dispersion) import package::lib::wavelength::begin_wavelengths;
 import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, PATH_GROUP, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS};
 import package::lib::constants::{COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_PATH, COUNTER_OVERRUN};
-@if(irradiance_cache && !highlights) import package::lib::constants::{COUNTER_GATHER_RAYS, COUNTER_NOT_FINITE_GATHER};
+@if(irradiance_cache) import package::lib::constants::{COUNTER_GATHER_RAYS, COUNTER_NOT_FINITE_GATHER};
 
 struct PathParameters {
     tile: Tile,
@@ -45,10 +45,11 @@ struct PathParameters {
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
-// The points for which records do not give all light: those that no record covers, and those that are not Lambertian.
-@if(irradiance_cache && !highlights) @group(0) @binding(5) var<storage, read> path_count: array<u32, 1>;
-@if(irradiance_cache && !highlights) @group(0) @binding(6) var<storage, read> path_points: array<u32>;
-@if(irradiance_cache && !highlights) @group(0) @binding(8) var<storage, read> gather_hits: array<GatherHit>;
+// The points for which records do not give all light: those that no record covers, and those that are not Lambertian;
+// or the gather rays to continue, with what their paths start from.
+@if(irradiance_cache) @group(0) @binding(5) var<storage, read> path_count: array<u32, 1>;
+@if(irradiance_cache) @group(0) @binding(6) var<storage, read> path_points: array<u32>;
+@if(irradiance_cache) @group(0) @binding(8) var<storage, read> gather_hits: array<GatherHit>;
 // The points with rays that may hit a light, and the arguments of a dispatch over them.
 @if(highlights) @group(0) @binding(5) var<storage, read_write> path_count: array<atomic<u32>, 1>;
 @if(highlights) @group(0) @binding(6) var<storage, read_write> path_points: array<u32>;
@@ -64,7 +65,7 @@ var<workgroup> group_bounce_rays: atomic<u32>;
 const SECOND_COUNT = 24u;
 
 fn from_hits() -> bool {
-    @if(irradiance_cache && !highlights) { return parameters.from_hits != 0u; }
+    @if(irradiance_cache) { return parameters.from_hits != 0u; }
     @else { return false; }
 }
 
@@ -81,7 +82,7 @@ fn path(
     workgroupBarrier();
     var i = group_index(group, groups) * PATH_GROUP + lane;
     var items = parameters.tile.point_count;
-    @if(irradiance_cache && !highlights) { items = path_count[0]; }
+    @if(irradiance_cache) { items = path_count[0]; }
     @if(highlights) { items = atomicLoad(&path_count[0]); }
     let there = i < items;
     @if(irradiance_cache || highlights) { if there { i = path_points[i]; } }
@@ -104,13 +105,13 @@ fn path(
             }
             indirect = found.indirect;
         }
-        var rest = 0.0;
+        var distance = 0.0;
         @if(irradiance_cache || photon_map) {
             let so_far = radiance_indirect[i];
             indirect += so_far.xyz;
-            if from_hits() { rest = so_far.w; }
+            if from_hits() { distance = so_far.w; }
         }
-        radiance_indirect[i] = vec4f(indirect, rest);
+        radiance_indirect[i] = vec4f(indirect, distance);
         if begins && traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
         atomicAdd(&group_shadow_rays, shadow_rays + (u32(!finite) << SECOND_COUNT));
         atomicAdd(&group_bounce_rays, bounce_rays + (u32(heavy_path) << SECOND_COUNT));
@@ -124,7 +125,7 @@ fn path(
         // bounce rays.
         @if(indirect) {
             var counter = COUNTER_BOUNCE_RAYS;
-            @if(irradiance_cache && !highlights) { if from_hits() { counter = COUNTER_GATHER_RAYS; } }
+            @if(irradiance_cache) { if from_hits() { counter = COUNTER_GATHER_RAYS; } }
             atomicAdd(&counters[counter], rays.x + rays.y);
         }
         @else {
@@ -133,7 +134,7 @@ fn path(
         }
         if shadows != rays.x {
             var counter = COUNTER_NOT_FINITE_PATH;
-            @if(irradiance_cache && !highlights) { if from_hits() { counter = COUNTER_NOT_FINITE_GATHER; } }
+            @if(irradiance_cache) { if from_hits() { counter = COUNTER_NOT_FINITE_GATHER; } }
             atomicAdd(&counters[counter], shadows >> SECOND_COUNT);
         }
         if bounces != rays.y { atomicAdd(&counters[COUNTER_HEAVY_PATHS], bounces >> SECOND_COUNT); }
@@ -162,7 +163,7 @@ fn begin_at_tile(path: ptr<function, Beginning>, i: u32, point: Point, surface: 
 }
 
 // The path from hit i of a gather ray, as it reaches the ray's record.
-@if(irradiance_cache && !highlights)
+@if(irradiance_cache)
 fn begin_at_hit(path: ptr<function, Beginning>, i: u32) {
     let hit = gather_hits[i];
     let number = hit.number & ~(HIT_RESIDUAL | HIT_CAUSTIC_KNOWN);
@@ -192,7 +193,7 @@ fn radiance_along(i: u32, begins: bool, lane: u32) -> PathRadiance {
         path.vertex.surface = visible_surface(surface, point);
     }
     if !from_hits() { begin_at_tile(&path, i, point, surface); }
-    @if(irradiance_cache && !highlights) { if from_hits() { begin_at_hit(&path, i); } }
+    @if(irradiance_cache) { if from_hits() { begin_at_hit(&path, i); } }
     let light_samples = parameters.light_samples;
     var found = trace_path(path.vertex, path.start, path.seed, parameters.max_bounces, light_samples, lane);
     // A sample that is not finite stays so, and is counted.

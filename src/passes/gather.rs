@@ -77,8 +77,8 @@ shared_struct! {
 
 const _: () = assert!(RECORD_HEAD_TEXELS as usize * size_of::<[f32; 4]>() == size_of::<RecordHead>());
 
-/// Maximum number of rays in a dispatch, unless a record has more: some 20 MiB of hits, and too short for a desktop's
-/// watchdog to stop it.
+/// Maximum number of rays in a dispatch, unless a record has more: some 15 MiB for rays that hit Lambertian surfaces,
+/// more for glossy ones, and too short for a desktop's watchdog to stop it.
 const BATCH_RAYS: u32 = 1 << 17;
 
 /// The pass; see `shaders/gather.wgsl`.

@@ -105,9 +105,8 @@ impl Path {
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Path> {
         let mut own = vec![PathBindings::DECLARED];
-        let highlights = features.has(Feature::Highlights);
-        own.extend(highlights.then_some(ArgumentBindings::DECLARED));
-        own.extend((features.has(Feature::IrradianceCache) && !highlights).then_some(HitBindings::DECLARED));
+        own.extend(features.has(Feature::Highlights).then_some(ArgumentBindings::DECLARED));
+        own.extend(features.has(Feature::IrradianceCache).then_some(HitBindings::DECLARED));
         Ok(Path(kernel(gpu, "path", features, constants, &own)?))
     }
 

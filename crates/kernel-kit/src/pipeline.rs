@@ -190,14 +190,8 @@ impl Interface {
     /// Expressions of the entry point, with those of each function as often as it is called: drivers put functions
     /// where they are called, and take about as long as that makes the kernel.
     pub(crate) fn inlined_size(&self, source: &Source) -> usize {
-        let module = &source.module;
-        // Functions come after those that they call.
-        let mut sizes = Vec::with_capacity(module.functions.len());
-        for (_, function) in module.functions.iter() {
-            sizes.push(size_with_calls(function, &sizes));
-        }
-        let entry = module.entry_points.iter().find(|entry| entry.name == self.entry);
-        entry.map_or(0, |entry| size_with_calls(&entry.function, &sizes))
+        let entry = source.module.entry_points.iter().find(|entry| entry.name == self.entry);
+        entry.map_or(0, |entry| size_with_calls(&entry.function, &function_sizes(&source.module)))
     }
 
     pub(crate) fn build(&self, device: &wgpu::Device, source: &Source, shader: &wgpu::ShaderModule) -> Built {
@@ -233,6 +227,16 @@ impl Interface {
         });
         Built { layouts, pipeline }
     }
+}
+
+/// The sizes of a module's functions, with all that they call.
+fn function_sizes(module: &naga::Module) -> Vec<usize> {
+    // Functions come after those that they call.
+    let mut sizes = Vec::with_capacity(module.functions.len());
+    for (_, function) in module.functions.iter() {
+        sizes.push(size_with_calls(function, &sizes));
+    }
+    sizes
 }
 
 /// Expressions of a function, and the `sizes` of those that it calls.
@@ -309,12 +313,8 @@ mod tests {
                 return y;
             }";
         let module = naga::front::wgsl::parse_str(text).unwrap();
-        let mut sizes = Vec::new();
-        for (_, function) in module.functions.iter() {
-            sizes.push(size_with_calls(function, &sizes));
-        }
         let own: Vec<usize> = module.functions.iter().map(|(_, function)| function.expressions.len()).collect();
         let leaf = own[0];
-        assert_eq!(sizes, [leaf, own[1] + 2 * leaf, own[2] + 5 * leaf + own[1] + 2 * leaf]);
+        assert_eq!(function_sizes(&module), [leaf, own[1] + 2 * leaf, own[2] + 5 * leaf + own[1] + 2 * leaf]);
     }
 }
