@@ -883,8 +883,10 @@ fn every_set_of_kinds_composes() {
             compose(kernel, &features).unwrap();
         }
     }
+    // Highlights are for renders without irradiance records.
+    let all = Features::all().with(Feature::Highlights, false);
     // Packets and shallow hierarchies have no instances.
-    compose("path", &Features::all().with(Feature::Instances, false)).unwrap();
-    let single = Features::all().with(Feature::Packets, false).with(Feature::ShallowBvh, false);
+    compose("path", &all.clone().with(Feature::Instances, false)).unwrap();
+    let single = all.with(Feature::Packets, false).with(Feature::ShallowBvh, false);
     compose("path", &single).unwrap();
 }
