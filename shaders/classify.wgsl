@@ -13,10 +13,11 @@
 
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7, remainder};
-import package::lib::class_word::{AuditChances, audit_chance, class_of, class_word, is_audited, is_decided, is_near};
+import package::lib::class_word::{
+    AuditChances, audit_chance, class_of, class_word, is_audited, is_decided, is_near, traces_shadow_rays
+};
 @if(visibility_map || fine_cells) import package::lib::class_word::boundary_word;
 @if(visibility_map || fine_cells) import package::lib::class_word::{AWAY, NEAR, word_at};
-@if(visibility_estimate) import package::lib::class_word::traces_shadow_rays;
 import package::lib::cell_class::{
     COS_CLUSTER, CellClass, REQUEST_UNIT, REQUEST_ZERO, RequestedCell, decode_cell_class, holds_at, load_cell_classes,
     no_cell_class, request_complement
@@ -37,9 +38,9 @@ import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_position, til
 @if(fine_cells && shown_cells) import package::lib::constants::CELL_FINE;
 @if(visibility_map && shown_cells) import package::lib::constants::{CELL_MAP, CELL_REQUESTED};
 import package::lib::constants::{
-    CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_AUDITED, COUNTER_DARK,
-    COUNTER_NEAR, COUNTER_NEAR_AUDITED, INVALID_POINT, NO_SAMPLED_LIGHT, QUEUE_ARGUMENT_WORDS, QUEUE_AUDIT,
-    QUEUE_BOUNDARY, CANDIDATE_QUEUES, QUEUE_COUNT, QUEUE_QUERY, QUEUE_UNDILATED
+    CANDIDATE_QUEUES, CLASSIFY_CANDIDATES, CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN,
+    COUNTER_AUDITED, COUNTER_DARK, COUNTER_NEAR, COUNTER_NEAR_AUDITED, INVALID_POINT, NO_SAMPLED_LIGHT,
+    QUEUE_ARGUMENT_WORDS, QUEUE_AUDIT, QUEUE_BOUNDARY, QUEUE_COUNT, QUEUE_QUERY, QUEUE_UNDILATED
 };
 
 struct ClassifyParameters {
@@ -49,14 +50,13 @@ struct ClassifyParameters {
     candidate_count: u32,
     // Or sampled light index, where lights are sampled; see lib/sampled_light.
     first_light: u32,
-    dilate_radius: u32,
     // Members of AuditChances: in a uniform buffer, a struct would have to begin at a multiple of 16 bytes.
     audit_away: f32,
     audit_near: f32,
     // The queue whose length `arrange_queue` makes into arguments, and the invocations of the consumer's workgroups.
     queue: u32,
     queue_group: u32,
-    padding: u32,
+    padding: vec2u,
 }
 
 var<immediate> classify_pass: ClassifyParameters;
@@ -85,16 +85,15 @@ fn queue_item(queue: u32, item: u32) -> u32 {
 const UNDECIDED = 0xffffffffu;
 const CLASSIFY_GROUP = 64u;
 
-// Candidates of the workgroup by what COUNTED says, a byte each; then those that are undecided and, where visibility is
-// estimated, those that are traced.
-var<workgroup> group_counts: array<atomic<u32>, 4>;
-const COUNTED_UNDECIDED = 2u;
-@if(visibility_estimate) const COUNTED_TRACED = 3u;
-// Number of a byte: the class, or one of these.
+// Numbers of what is counted: the classes, and these.
 const COUNTED_AUDITED = 5u;
 const COUNTED_NEAR = 6u;
 const COUNTED_NEAR_AUDITED = 7u;
 const COUNTED = 8u;
+// Candidates of the workgroup, two numbers to a word (see `group_count`); in the last word those that are undecided,
+// and above them those that are traced.
+var<workgroup> group_counts: array<atomic<u32>, 5>;
+const GROUP_QUEUED = 4u;
 // Where the workgroup's candidates begin in each queue.
 var<workgroup> queue_bases: array<u32, CANDIDATE_QUEUES>;
 
@@ -105,15 +104,17 @@ fn classify(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let candidate = group_index(group, groups) * CLASSIFY_GROUP + lane;
-    var word = UNDECIDED;
-    var there = candidate < classify_pass.candidate_count;
-    if there {
-        word = class_without_map(candidate);
-        atomicStore(&classes[candidate], word);
-        there = is_candidate(candidate);
+    let first = (group_index(group, groups) * CLASSIFY_GROUP + lane) * CLASSIFY_CANDIDATES;
+    var noted: Noted;
+    for (var k = 0u; k < CLASSIFY_CANDIDATES; k++) {
+        let candidate = first + k;
+        if candidate < classify_pass.candidate_count {
+            let word = class_without_map(candidate);
+            atomicStore(&classes[candidate], word);
+            if is_candidate(candidate) { note(&noted, k, candidate, word); }
+        }
     }
-    enqueue(candidate, word, there, lane);
+    enqueue(noted, first, lane);
 }
 
 fn light_of(candidate: u32) -> u32 {
@@ -291,18 +292,18 @@ fn query(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
-    let there = i < atomicLoad(&queue_lengths[QUEUE_QUERY]);
     var candidate = 0u;
-    var word = UNDECIDED;
-    if there {
+    var noted: Noted;
+    if i < atomicLoad(&queue_lengths[QUEUE_QUERY]) {
         candidate = queues[queue_item(QUEUE_QUERY, i)];
-        word = atomicLoad(&classes[candidate]);
+        var word = atomicLoad(&classes[candidate]);
         if word == UNDECIDED {
             word = class_by_requested_cell(candidate);
             atomicStore(&classes[candidate], word);
         }
+        note(&noted, 0u, candidate, word);
     }
-    enqueue(candidate, word, there, lane);
+    enqueue(noted, candidate, lane);
 }
 
 @if(visibility_map)
@@ -345,23 +346,33 @@ fn dilate(
     let point = load_point(pixel);
     let first = candidate - pixel;
     // Neighbours are of the same sample.
-    let tile = classify_pass.tile;
-    let layer = pixel - remainder(pixel, tile.pixel_count);
-    let at = vec2i(tile_position(tile, pixel));
-    let radius = i32(classify_pass.dilate_radius);
-    let low = max(at - radius, vec2i(0));
-    let high = min(at + radius, vec2i(i32(tile.columns), i32(tile_rows(tile))) - 1);
-    for (var y = low.y; y <= high.y; y++) {
-        for (var x = low.x; x <= high.x; x++) {
-            let neighbour = first_point_of(u32(y) * tile.columns + u32(x));
-            @if(adaptive_sampling) { if neighbour == NOT_SAMPLED { continue; } }
-            let other = layer + neighbour;
-            // Few are: a boundary lies among boundaries.
-            if is_decided(class_of(atomicLoad(&classes[first + other]))) && same_surface(load_point(other), point) {
-                widen_to(first + other);
-            }
+    let layer = pixel - remainder(pixel, classify_pass.tile.pixel_count);
+    let at = vec2i(tile_position(classify_pass.tile, pixel));
+    // Few are decided, as a boundary lies among boundaries: software devices load the points of these alone.
+    var decided = 0u;
+    for (var k = 0u; k < NEIGHBOURS; k++) {
+        let neighbour = neighbour_in_layer(at, k);
+        if neighbour != NO_NEIGHBOUR && is_decided(class_of(atomicLoad(&classes[first + layer + neighbour]))) {
+            decided |= 1u << k;
         }
     }
+    for (; decided != 0u; decided &= decided - 1u) {
+        let other = layer + neighbour_in_layer(at, firstTrailingBit(decided));
+        if same_surface(load_point(other), point) { widen_to(first + other); }
+    }
+}
+
+// The pixel itself and the eight around it.
+const NEIGHBOURS = 9u;
+const NO_NEIGHBOUR = 0xffffffffu;
+
+// Index in the layer of a pixel's neighbour k, if it is in the tile and gets samples.
+fn neighbour_in_layer(at: vec2i, k: u32) -> u32 {
+    let tile = classify_pass.tile;
+    let position = at + vec2i(vec2u(k % 3u, k / 3u)) - 1;
+    let size = vec2i(i32(tile.columns), i32(tile_rows(tile)));
+    if any(position < vec2i(0)) || any(position >= size) { return NO_NEIGHBOUR; }
+    return first_point_of(u32(position.y) * tile.columns + u32(position.x));
 }
 
 // Makes a decided candidate a boundary.
@@ -396,15 +407,6 @@ fn same_surface(a: Point, b: Point) -> bool {
     return dot(normal, oct_decode16(b.normal)) >= DILATE_COSINE && abs(dot(v, normal)) <= DILATE_SLOPE * length(v);
 }
 
-// A candidate's entry in the queues of its workgroup.
-struct QueueEntry {
-    class_: u32,
-    // Among the candidates of its queue and class in the workgroup.
-    rank: u32,
-    audited: bool,
-    @if(visibility_estimate) traced: bool,
-}
-
 // Whether the candidate has a point and a light.
 fn is_candidate(candidate: u32) -> bool {
     let is_point = load_point(point_of(candidate)).normal != INVALID_POINT;
@@ -412,75 +414,93 @@ fn is_candidate(candidate: u32) -> bool {
     @else { return is_point; }
 }
 
-// Counts the candidate in its workgroup: by two atomics, since all lanes of a software device wait for each.
-fn count_candidate(candidate: u32, word: u32) -> QueueEntry {
-    var entry: QueueEntry;
-    entry.class_ = class_of(word);
-    var others = u32(entry.class_ == CLASS_UNKNOWN);
-    if is_decided(entry.class_) {
-        entry.audited = audits(candidate, word);
-        others = one_of(COUNTED_AUDITED, entry.audited) | one_of(COUNTED_NEAR, is_near(word))
-            | one_of(COUNTED_NEAR_AUDITED, entry.audited && is_near(word));
+// What an invocation notes of its consecutive candidates, in bits by their place among them.
+struct Noted {
+    undecided: u32,
+    // Queued for shadow rays, and for audits.
+    traced: u32,
+    audited: u32,
+    // How many, a byte for each number.
+    counts: vec2u,
+}
+
+// Notes the word of the invocation's candidate k.
+fn note(noted: ptr<function, Noted>, k: u32, candidate: u32, word: u32) {
+    let bit = 1u << k;
+    if word == UNDECIDED {
+        (*noted).undecided |= bit;
+        return;
     }
-    if entry.class_ < CLASS_UNKNOWN {
-        entry.rank = atomicAdd(&group_counts[0], 1u << (8u * entry.class_)) >> (8u * CLASS_BOUNDARY);
+    let class_ = class_of(word);
+    (*noted).counts += one_of(class_);
+    if traces_shadow_rays(word) { (*noted).traced |= bit; }
+    if is_decided(class_) {
+        let audited = audits(candidate, word);
+        if is_near(word) {
+            (*noted).counts += one_of(COUNTED_NEAR);
+            if audited { (*noted).counts += one_of(COUNTED_NEAR_AUDITED); }
+        }
+        if audited {
+            (*noted).counts += one_of(COUNTED_AUDITED);
+            (*noted).audited |= bit;
+        }
     }
-    if others != 0u {
-        let before = atomicAdd(&group_counts[1], others);
-        if entry.class_ == CLASS_UNKNOWN { entry.rank = before & 255u; }
-        if entry.audited { entry.rank = counted_in(before, COUNTED_AUDITED); }
-    }
-    @if(visibility_estimate) {
-        entry.traced = traces_shadow_rays(word);
-        if entry.traced { entry.rank = atomicAdd(&group_counts[COUNTED_TRACED], 1u); }
-    }
-    return entry;
 }
 
 // One in the byte of that number.
-fn one_of(number: u32, there: bool) -> u32 {
-    return u32(there) << (8u * (number & 3u));
+fn one_of(number: u32) -> vec2u {
+    let one = 1u << (8u * (number & 3u));
+    return select(vec2u(0u, one), vec2u(one, 0u), number < 4u);
 }
 
-fn counted_in(word: u32, number: u32) -> u32 {
-    return (word >> (8u * (number & 3u))) & 255u;
+// How many of the workgroup's candidates have that number.
+fn group_count(number: u32) -> u32 {
+    let word = atomicLoad(&group_counts[2u * (number >> 2u) + (number & 1u)]);
+    return half_of(word, (number >> 1u) & 1u);
+}
+
+// The lower or the upper half of a word.
+fn half_of(word: u32, upper: u32) -> u32 {
+    return (word >> (16u * upper)) & 0xffffu;
 }
 
 // Counts the classes of a workgroup's candidates, and queues those that are traced, audited or still undecided. All of
-// its invocations call it at the same time; `there` is false in those without a candidate.
-fn enqueue(candidate: u32, word: u32, there: bool, lane: u32) {
-    if lane < 4u { atomicStore(&group_counts[lane], 0u); }
+// its invocations call it at the same time. `first` is the first of the invocation's candidates.
+fn enqueue(noted: Noted, first: u32, lane: u32) {
+    if lane < 5u { atomicStore(&group_counts[lane], 0u); }
     workgroupBarrier();
-    var entry: QueueEntry;
-    let undecided = there && word == UNDECIDED;
-    if undecided { entry.rank = atomicAdd(&group_counts[COUNTED_UNDECIDED], 1u); }
-    if there && !undecided { entry = count_candidate(candidate, word); }
+    // Bytes are too small for a workgroup: those of even and of odd numbers become halves of two words.
+    let halves = vec4u(noted.counts.x, noted.counts.x >> 8u, noted.counts.y, noted.counts.y >> 8u) & vec4u(0xff00ffu);
+    for (var i = 0u; i < 3u; i++) { atomicAdd(&group_counts[i], halves[i]); }
+    let audited_before = half_of(atomicAdd(&group_counts[3], halves.w), 0u);
+    let queued = countOneBits(vec2u(noted.undecided, noted.traced));
+    let queued_before = atomicAdd(&group_counts[GROUP_QUEUED], queued.x | (queued.y << 16u));
     workgroupBarrier();
-    let words = vec2u(atomicLoad(&group_counts[0]), atomicLoad(&group_counts[1]));
-    let boundaries = counted_in(words.x, CLASS_BOUNDARY);
     if lane < COUNTED {
         // A lane for each counter and each queue.
-        let counted = counted_in(select(words.x, words.y, lane >= 4u), lane);
+        let counted = group_count(lane);
         let counter = select(select(COUNTER_NEAR, COUNTER_NEAR_AUDITED, lane == COUNTED_NEAR_AUDITED), COUNTER_AUDITED,
             lane == COUNTED_AUDITED);
         if counted > 0u { atomicAdd(&counters[select(COUNTER_DARK + lane, counter, lane > CLASS_UNKNOWN)], counted); }
-        @if(visibility_estimate) let traced = atomicLoad(&group_counts[COUNTED_TRACED]);
-        @if(!visibility_estimate) let traced = boundaries + counted_in(words.y, CLASS_UNKNOWN);
-        var queued = select(0u, atomicLoad(&group_counts[COUNTED_UNDECIDED]), lane == QUEUE_QUERY);
-        queued = select(queued, traced, lane == QUEUE_BOUNDARY);
-        queued = select(queued, counted_in(words.y, COUNTED_AUDITED), lane == QUEUE_AUDIT);
-        if queued > 0u { queue_bases[lane] = atomicAdd(&queue_lengths[lane], queued); }
+        let queued_here = atomicLoad(&group_counts[GROUP_QUEUED]);
+        var length = select(0u, half_of(queued_here, 0u), lane == QUEUE_QUERY);
+        length = select(length, half_of(queued_here, 1u), lane == QUEUE_BOUNDARY);
+        length = select(length, group_count(COUNTED_AUDITED), lane == QUEUE_AUDIT);
+        if length > 0u { queue_bases[lane] = atomicAdd(&queue_lengths[lane], length); }
     }
     workgroupBarrier();
-    if undecided { queues[queue_item(QUEUE_QUERY, queue_bases[QUEUE_QUERY] + entry.rank)] = candidate; }
-    var traced = entry.class_ == CLASS_BOUNDARY || entry.class_ == CLASS_UNKNOWN;
-    @if(visibility_estimate) { traced = entry.traced; }
-    if traced {
-        var item = queue_bases[QUEUE_BOUNDARY] + entry.rank;
-        @if(!visibility_estimate) { item += select(0u, boundaries, entry.class_ == CLASS_UNKNOWN); }
-        queues[queue_item(QUEUE_BOUNDARY, item)] = candidate;
+    queue_each(QUEUE_QUERY, half_of(queued_before, 0u), noted.undecided, first);
+    queue_each(QUEUE_BOUNDARY, half_of(queued_before, 1u), noted.traced, first);
+    queue_each(QUEUE_AUDIT, audited_before, noted.audited, first);
+}
+
+// Queues the candidates of an invocation whose bit is set, after `before` others of the workgroup.
+fn queue_each(queue: u32, before: u32, bits: u32, first: u32) {
+    var item = queue_item(queue, queue_bases[queue] + before);
+    for (var rest = bits; rest != 0u; rest &= rest - 1u) {
+        queues[item] = first + firstTrailingBit(rest);
+        item++;
     }
-    if entry.audited { queues[queue_item(QUEUE_AUDIT, queue_bases[QUEUE_AUDIT] + entry.rank)] = candidate; }
 }
 
 // The queues of candidates that another pass classified.
@@ -490,14 +510,15 @@ fn compact(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let candidate = group_index(group, groups) * CLASSIFY_GROUP + lane;
-    var word = 0u;
-    var there = candidate < classify_pass.candidate_count;
-    if there {
-        word = atomicLoad(&classes[candidate]);
-        there = is_candidate(candidate);
+    let first = (group_index(group, groups) * CLASSIFY_GROUP + lane) * CLASSIFY_CANDIDATES;
+    var noted: Noted;
+    for (var k = 0u; k < CLASSIFY_CANDIDATES; k++) {
+        let candidate = first + k;
+        if candidate < classify_pass.candidate_count && is_candidate(candidate) {
+            note(&noted, k, candidate, atomicLoad(&classes[candidate]));
+        }
     }
-    enqueue(candidate, word, there, lane);
+    enqueue(noted, first, lane);
 }
 
 // For each point of a tile the cell that decides it for the light `first_light`, as `ShownCell` of the host has it: for

@@ -204,17 +204,18 @@ struct FineClass {
 // The point's cell that is not divided, and its class; the smallest cell where all are divided.
 fn fine_class(light: u32, position: vec3f, normal: vec3f) -> FineClass {
     var cell = coarsest_cell(light, position, normal);
-    var found = find_cell(cell);
+    var found: FoundCell;
     var divided = UNDIVIDED;
-    for (var level = 1u; level < FINE_CELL_LEVELS; level++) {
+    // All searches in the loop: software devices run its body at least once.
+    for (var level = 1u; ; level++) {
+        found = find_cell(cell);
         if !is_divided(found.code) { break; }
         divided = found.code;
+        if level == FINE_CELL_LEVELS {
+            found.code = CLASS_BOUNDARY;
+            break;
+        }
         cell = finer_cell(cell, position);
-        found = find_cell(cell);
-    }
-    if is_divided(found.code) {
-        divided = found.code;
-        found.code = CLASS_BOUNDARY;
     }
     let many = found.code > MANY_PHOTONS && found.code != MOSTLY_LIT;
     let nearness = select(select(NEAR, SETTLED, many), AWAY, divided == UNDIVIDED);

@@ -83,6 +83,7 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("MAX_LIGHTS", numbers::MAX_LIGHTS),
     ("ZONE_LIGHTS", numbers::ZONE_LIGHTS),
     ("MIN_RADIUS_PIXELS", numbers::MIN_RADIUS_PIXELS),
+    ("CLASSIFY_CANDIDATES", numbers::CLASSIFY_CANDIDATES),
     ("PATH_GROUP", numbers::PATH_GROUP),
     ("PROCEDURAL", procedural::PROCEDURAL),
     ("PROCEDURAL_INDEX_MASK", procedural::INDEX_MASK),

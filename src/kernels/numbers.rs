@@ -297,5 +297,9 @@ pub const FINE_CELL_PROBES: u32 = 1024;
 /// Invocations of a workgroup of pass `gather`, by which the rays to be followed are dispatched.
 pub const GATHER_GROUP: u32 = 64;
 
+/// Consecutive candidates that an invocation of pass `classify` classifies, 1 to 32: one barrier and one set of atomics
+/// for all of them. On software devices these took longer than the classes of the candidates themselves.
+pub const CLASSIFY_CANDIDATES: u32 = 16;
+
 /// Invocations of a workgroup of pass `path`, by which a queue of points is dispatched.
 pub const PATH_GROUP: u32 = 64;

@@ -6,7 +6,7 @@ use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, PART_ALIGNME
 use super::grid::{ClassifyRequestedCells, PhotonGrid};
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
-use crate::kernels::{GridShape, Queue};
+use crate::kernels::{CLASSIFY_CANDIDATES, GridShape, Queue};
 use crate::specialisation::features::{Feature, Features};
 
 /// Probabilities with which lit and shadowed candidates are audited, 1 for all that are above it; see
@@ -50,12 +50,11 @@ shared_struct! {
         tile: Tile,
         candidate_count: u32,
         first_light: u32,
-        dilate_radius: u32,
         audit_away: f32,
         audit_near: f32,
         queue: u32,
         queue_group: u32,
-        padding: u32,
+        padding: [u32; 2],
     }
 }
 
@@ -246,12 +245,11 @@ impl BoundShowCells {
             tile: *tile,
             candidate_count: tile.point_count,
             first_light: light,
-            dilate_radius: 0,
             audit_away: 0.0,
             audit_near: 0.0,
             queue: Queue::Query as u32,
             queue_group: 1,
-            padding: 0,
+            padding: [0; 2],
         };
         frame.run(&self.kernel, tile.point_count, &parameters);
     }
@@ -261,9 +259,8 @@ impl BoundClassify {
     /// Empties the queues, gives each point the class of its fine cell where the cell has one, and queues it by its
     /// class. Queues the other points for [`BoundClassify::look_up`].
     pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
-        let candidates = tile.point_count * chunk.lights;
         frame.clear(&buffers.queue_lengths);
-        frame.run(&self.classify, candidates, &self.parameters(tile, chunk, Queue::Query, self.group));
+        self.run_over_candidates(frame, &self.classify, tile, chunk);
     }
 
     /// Gives the queued points the classes of the map's cells, and requests a class for each cell that has queued
@@ -305,8 +302,12 @@ impl BoundClassify {
     /// Counts the classes that another pass wrote, and queues the candidates that need shadow rays. The queues must be
     /// empty.
     pub fn compact(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
+        self.run_over_candidates(frame, &self.compact, tile, chunk);
+    }
+
+    fn run_over_candidates(&self, frame: &mut Frame<'_>, kernel: &BoundKernel, tile: &Tile, chunk: &Chunk) {
         let parameters = self.parameters(tile, chunk, Queue::Query, self.group);
-        frame.run(&self.compact, tile.point_count * chunk.lights, &parameters);
+        frame.run(kernel, parameters.candidate_count.div_ceil(CLASSIFY_CANDIDATES), &parameters);
     }
 
     /// Converts the length of a queue to indirect arguments for workgroups of `queue_group` invocations.
@@ -320,12 +321,11 @@ impl BoundClassify {
             tile: *tile,
             candidate_count: tile.point_count * chunk.lights,
             first_light: chunk.first_light,
-            dilate_radius: chunk.dilate,
             audit_away: chunk.audits.away,
             audit_near: chunk.audits.near,
             queue: queue as u32,
             queue_group,
-            padding: 0,
+            padding: [0; 2],
         }
     }
 }

@@ -4,7 +4,9 @@ use std::collections::{HashMap, HashSet};
 
 use glam::Vec3;
 use kernel_kit::{Gpu, Resources, kernel_test};
-use penumbra::internal::kernels::{CellKind, Class, Classified, GridShape, INVALID_POINT, Queue, ShownCell};
+use penumbra::internal::kernels::{
+    CLASSIFY_CANDIDATES, CellKind, Class, Classified, GridShape, INVALID_POINT, Queue, ShownCell,
+};
 use penumbra::internal::passes::classify::{AuditChances, Chunk, Classify, ClassifyBuffers, ShowCells};
 use penumbra::internal::passes::grid::{Grid, Photon};
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
@@ -338,6 +340,38 @@ fn queues_hold_what_the_classes_say(gpu: &Gpu) {
         let n = f64::from(classes[1] + classes[2]) - near as f64;
         let deviation = (audited - near) as f64 - 0.25 * n;
         assert!(deviation.abs() < 5.0 * (n * 0.25 * 0.75).sqrt(), "{deviation} of {n}");
+    }
+}
+
+/// Candidates are classified and queued once each, whatever number of them the invocations and workgroups divide.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn every_number_of_candidates_is_queued(gpu: &Gpu) {
+    let room = Room::new(0.05);
+    let photons = room.photons(20_000, 0, &mut Random(6));
+    let points = room.points(50, 50);
+    let shape = GridShape::new(room.bounds(), room.area(), photons.len() as u32, 1, 50);
+    let all = Setup::new(&photons, &points, shape, 50).run(gpu).words;
+    let group = 64 * CLASSIFY_CANDIDATES as usize;
+    let each = CLASSIFY_CANDIDATES as usize;
+    for count in [1, each - 1, each, each + 1, group - 1, group, group + 1] {
+        // The last points, so that small numbers have boundaries too.
+        let from = points.len() - count;
+        let mut setup = Setup::new(&photons, &points[from..], shape, 50);
+        setup.chunk.audits = AuditChances::of(1.0);
+        let outcome = setup.run(gpu);
+        assert_eq!(outcome.words, all[from..], "{count} candidates");
+        let in_class = |classes: [Class; 2]| {
+            let all = outcome.words.iter().enumerate();
+            let of_class = all.filter(move |(_, word)| classes.contains(&Classified::new(**word).class));
+            of_class.map(|(candidate, _)| candidate as u32).collect::<Vec<_>>()
+        };
+        let sorted = |queue: &[u32]| {
+            let mut queue = queue.to_vec();
+            queue.sort_unstable();
+            queue
+        };
+        assert_eq!(sorted(&outcome.boundary_queue), in_class([Class::Boundary, Class::Unknown]), "{count} candidates");
+        assert_eq!(sorted(&outcome.audit_queue), in_class([Class::Lit, Class::Shadowed]), "{count} candidates");
     }
 }
 
