@@ -33,13 +33,12 @@ import package::lib::sampled_light::candidate_light;
 import package::lib::point::Point;
 import package::lib::visible_point::load_point;
 import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_position, tile_rows, tile_sample};
-@if(adaptive_sampling) import package::lib::constants::NOT_SAMPLED;
 @if(shown_cells) import package::lib::constants::{CELL_HASH_SHIFT, CELL_KIND_SHIFT, CELL_LEVEL_SHIFT};
 @if(fine_cells && shown_cells) import package::lib::constants::CELL_FINE;
 @if(visibility_map && shown_cells) import package::lib::constants::{CELL_MAP, CELL_REQUESTED};
 import package::lib::constants::{
     CANDIDATE_QUEUES, CLASSIFY_CANDIDATES, CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN,
-    COUNTER_AUDITED, COUNTER_DARK, COUNTER_NEAR, COUNTER_NEAR_AUDITED, INVALID_POINT, NO_SAMPLED_LIGHT,
+    COUNTER_AUDITED, COUNTER_DARK, COUNTER_NEAR, COUNTER_NEAR_AUDITED, INVALID_POINT, NOT_SAMPLED, NO_SAMPLED_LIGHT,
     QUEUE_ARGUMENT_WORDS, QUEUE_AUDIT, QUEUE_BOUNDARY, QUEUE_COUNT, QUEUE_QUERY, QUEUE_UNDILATED
 };
 
@@ -352,7 +351,7 @@ fn dilate(
     var decided = 0u;
     for (var k = 0u; k < NEIGHBOURS; k++) {
         let neighbour = neighbour_in_layer(at, k);
-        if neighbour != NO_NEIGHBOUR && is_decided(class_of(atomicLoad(&classes[first + layer + neighbour]))) {
+        if neighbour != NOT_SAMPLED && is_decided(class_of(atomicLoad(&classes[first + layer + neighbour]))) {
             decided |= 1u << k;
         }
     }
@@ -364,14 +363,13 @@ fn dilate(
 
 // The pixel itself and the eight around it.
 const NEIGHBOURS = 9u;
-const NO_NEIGHBOUR = 0xffffffffu;
 
-// Index in the layer of a pixel's neighbour k, if it is in the tile and gets samples.
+// Index in the layer of a pixel's neighbour k, or NOT_SAMPLED, also where it is not in the tile.
 fn neighbour_in_layer(at: vec2i, k: u32) -> u32 {
     let tile = classify_pass.tile;
     let position = at + vec2i(vec2u(k % 3u, k / 3u)) - 1;
     let size = vec2i(i32(tile.columns), i32(tile_rows(tile)));
-    if any(position < vec2i(0)) || any(position >= size) { return NO_NEIGHBOUR; }
+    if any(position < vec2i(0)) || any(position >= size) { return NOT_SAMPLED; }
     return first_point_of(u32(position.y) * tile.columns + u32(position.x));
 }
 
@@ -467,7 +465,7 @@ fn half_of(word: u32, upper: u32) -> u32 {
 // Counts the classes of a workgroup's candidates, and queues those that are traced, audited or still undecided. All of
 // its invocations call it at the same time. `first` is the first of the invocation's candidates.
 fn enqueue(noted: Noted, first: u32, lane: u32) {
-    if lane < 5u { atomicStore(&group_counts[lane], 0u); }
+    if lane <= GROUP_QUEUED { atomicStore(&group_counts[lane], 0u); }
     workgroupBarrier();
     // Bytes are too small for a workgroup: those of even and of odd numbers become halves of two words.
     let halves = vec4u(noted.counts.x, noted.counts.x >> 8u, noted.counts.y, noted.counts.y >> 8u) & vec4u(0xff00ffu);
