@@ -88,11 +88,13 @@ const CLASSIFY_GROUP = 64u;
 const COUNTED_AUDITED = 5u;
 const COUNTED_NEAR = 6u;
 const COUNTED_NEAR_AUDITED = 7u;
-const COUNTED = 8u;
-// Candidates of the workgroup, two numbers to a word (see `group_count`); in the last word those that are undecided,
-// and above them those that are traced.
-var<workgroup> group_counts: array<atomic<u32>, 5>;
-const GROUP_QUEUED = 4u;
+const COUNTED_UNDECIDED = 8u;
+const COUNTED_TRACED = 9u;
+// Numbers below this one have a counter; the two others are only lengths of queues.
+const WITH_COUNTER = 8u;
+// Candidates of the workgroup: a half of a word for each number.
+var<workgroup> group_counts: array<atomic<u32>, COUNT_WORDS>;
+const COUNT_WORDS = 5u;
 // Where the workgroup's candidates begin in each queue.
 var<workgroup> queue_bases: array<u32, CANDIDATE_QUEUES>;
 
@@ -418,8 +420,8 @@ struct Noted {
     // Queued for shadow rays, and for audits.
     traced: u32,
     audited: u32,
-    // How many, a byte for each number.
-    counts: vec2u,
+    // How many of the numbers that have a counter, in halves of words as in `group_counts`.
+    counts: vec4u,
 }
 
 // Notes the word of the invocation's candidate k.
@@ -445,50 +447,46 @@ fn note(noted: ptr<function, Noted>, k: u32, candidate: u32, word: u32) {
     }
 }
 
-// One in the byte of that number.
-fn one_of(number: u32) -> vec2u {
-    let one = 1u << (8u * (number & 3u));
-    return select(vec2u(0u, one), vec2u(one, 0u), number < 4u);
+// One of that number.
+fn one_of(number: u32) -> vec4u {
+    let is_its_word = vec4u(0u, 1u, 2u, 3u) == vec4u(number >> 1u);
+    return select(vec4u(0u), vec4u(1u << (16u * (number & 1u))), is_its_word);
 }
 
-// How many of the workgroup's candidates have that number.
+// How many of the number, by the word that holds it.
+fn count_in(word: u32, number: u32) -> u32 {
+    return (word >> (16u * (number & 1u))) & 0xffffu;
+}
+
 fn group_count(number: u32) -> u32 {
-    let word = atomicLoad(&group_counts[2u * (number >> 2u) + (number & 1u)]);
-    return half_of(word, (number >> 1u) & 1u);
-}
-
-// The lower or the upper half of a word.
-fn half_of(word: u32, upper: u32) -> u32 {
-    return (word >> (16u * upper)) & 0xffffu;
+    return count_in(atomicLoad(&group_counts[number >> 1u]), number);
 }
 
 // Counts the classes of a workgroup's candidates, and queues those that are traced, audited or still undecided. All of
 // its invocations call it at the same time. `first` is the first of the invocation's candidates.
 fn enqueue(noted: Noted, first: u32, lane: u32) {
-    if lane <= GROUP_QUEUED { atomicStore(&group_counts[lane], 0u); }
+    if lane < COUNT_WORDS { atomicStore(&group_counts[lane], 0u); }
     workgroupBarrier();
-    // Bytes are too small for a workgroup: those of even and of odd numbers become halves of two words.
-    let halves = vec4u(noted.counts.x, noted.counts.x >> 8u, noted.counts.y, noted.counts.y >> 8u) & vec4u(0xff00ffu);
-    for (var i = 0u; i < 3u; i++) { atomicAdd(&group_counts[i], halves[i]); }
-    let audited_before = half_of(atomicAdd(&group_counts[3], halves.w), 0u);
-    let queued = countOneBits(vec2u(noted.undecided, noted.traced));
-    let queued_before = atomicAdd(&group_counts[GROUP_QUEUED], queued.x | (queued.y << 16u));
+    var before: vec4u;
+    for (var i = 0u; i < 4u; i++) { before[i] = atomicAdd(&group_counts[i], noted.counts[i]); }
+    let queued = countOneBits(noted.undecided) | (countOneBits(noted.traced) << 16u);
+    let queued_before = atomicAdd(&group_counts[COUNTED_UNDECIDED >> 1u], queued);
     workgroupBarrier();
-    if lane < COUNTED {
+    if lane < WITH_COUNTER {
         // A lane for each counter and each queue.
         let counted = group_count(lane);
         let counter = select(select(COUNTER_NEAR, COUNTER_NEAR_AUDITED, lane == COUNTED_NEAR_AUDITED), COUNTER_AUDITED,
             lane == COUNTED_AUDITED);
         if counted > 0u { atomicAdd(&counters[select(COUNTER_DARK + lane, counter, lane > CLASS_UNKNOWN)], counted); }
-        let queued_here = atomicLoad(&group_counts[GROUP_QUEUED]);
-        var length = select(0u, half_of(queued_here, 0u), lane == QUEUE_QUERY);
-        length = select(length, half_of(queued_here, 1u), lane == QUEUE_BOUNDARY);
+        var length = select(0u, group_count(COUNTED_UNDECIDED), lane == QUEUE_QUERY);
+        length = select(length, group_count(COUNTED_TRACED), lane == QUEUE_BOUNDARY);
         length = select(length, group_count(COUNTED_AUDITED), lane == QUEUE_AUDIT);
         if length > 0u { queue_bases[lane] = atomicAdd(&queue_lengths[lane], length); }
     }
     workgroupBarrier();
-    queue_each(QUEUE_QUERY, half_of(queued_before, 0u), noted.undecided, first);
-    queue_each(QUEUE_BOUNDARY, half_of(queued_before, 1u), noted.traced, first);
+    let audited_before = count_in(before[COUNTED_AUDITED >> 1u], COUNTED_AUDITED);
+    queue_each(QUEUE_QUERY, count_in(queued_before, COUNTED_UNDECIDED), noted.undecided, first);
+    queue_each(QUEUE_BOUNDARY, count_in(queued_before, COUNTED_TRACED), noted.traced, first);
     queue_each(QUEUE_AUDIT, audited_before, noted.audited, first);
 }
 
