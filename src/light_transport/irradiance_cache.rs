@@ -7,7 +7,7 @@ use glam::Vec3;
 use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 use rayon::prelude::*;
 
-use super::irradiance_filter::NoisyRecords;
+use super::noisy_records::NoisyRecords;
 use super::record_grid::{RecordGrid, weight};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
@@ -84,6 +84,8 @@ pub(crate) struct Records {
     ray_buffers: RayBuffers,
     /// Gather rays of each record so far.
     rays: u32,
+    /// The radius of each, at the most, as far as those around it tell; new records have none.
+    limits: Vec<f32>,
 }
 
 impl IrradianceCache {
@@ -95,7 +97,8 @@ impl IrradianceCache {
             None => {
                 let buffers = RecordBuffers::new(with.gpu, with.features, 1)?;
                 let ray_buffers = RayBuffers::new(with.gpu, with.features, 0)?;
-                (Records { heads: Vec::new(), buffers, room: 1, ray_buffers, rays: 0 }, SPACINGS.as_slice())
+                let (heads, limits) = (Vec::new(), Vec::new());
+                (Records { heads, buffers, room: 1, ray_buffers, rays: 0, limits }, SPACINGS.as_slice())
             }
         };
         records.rays = with.settings.gather_rays();
@@ -103,9 +106,10 @@ impl IrradianceCache {
         Ok(IrradianceCache { buffers, bound, records })
     }
 
-    /// Adds gather rays to each record until it has those of the settings, in waves of as many as it has; then leaves
-    /// out those that others have come to cover, and places new ones where others cover too little: more rays know the
-    /// distances of surfaces better. Returns the [`BoundCache`] of the records before.
+    /// Adds gather rays to each record until it has those of the settings, in waves of as many as it has; then shrinks
+    /// records whose gradients do not hold, leaves out those that others have come to cover, and places new ones where
+    /// others cover too little: more rays know the distances of surfaces better. Returns the [`BoundCache`] of the
+    /// records before.
     pub fn add_rays(&mut self, with: &Filling<'_>, totals: &mut Totals) -> Result<BoundCache> {
         let records = &mut self.records;
         let wanted = with.settings.gather_rays();
@@ -115,6 +119,7 @@ impl IrradianceCache {
             while records.rays < wanted {
                 records.add_wave(with, wanted - records.rays, totals)?;
             }
+            records.limit_radii(with)?;
             records.leave_out_covered(with)?;
         }
         let bound = records.fill(with, &self.buffers, &LATER_SPACINGS, totals)?;
@@ -275,12 +280,23 @@ impl Records {
         self.heads.iter().filter(is_smallest).count() as u64
     }
 
+    /// Limits radii to where gradients hold.
+    fn limit_radii(&mut self, with: &Filling<'_>) -> Result<()> {
+        let radii: Vec<f32> = self.with_radii(with).iter().map(|head| head.size).collect();
+        let (variances, values) = self.buffers.read(with.gpu, self.heads.len())?;
+        let noisy = NoisyRecords { heads: &self.heads, radii: &radii, variances: &variances, values: &values };
+        self.limits.resize(self.heads.len(), f32::INFINITY);
+        self.limits.iter_mut().zip(noisy.limits()).for_each(|(limit, now)| *limit = limit.min(now));
+        Ok(())
+    }
+
     /// Leaves out records that earlier ones cover: of few rays, gradients looked steep, and records were small.
     fn leave_out_covered(&mut self, with: &Filling<'_>) -> Result<()> {
         let kept = uncovered(&self.with_radii(with), with.camera, &with.settings.image);
         if kept.len() < self.heads.len() {
             self.buffers.keep(with.gpu, &kept, self.heads.len())?;
             self.heads = kept.iter().map(|i| self.heads[*i]).collect();
+            self.limits = kept.iter().map(|i| self.limits[*i]).collect();
         }
         Ok(())
     }
@@ -323,7 +339,12 @@ impl Records {
     fn with_radii(&self, with: &Filling<'_>) -> Vec<RecordHead> {
         let accuracy = with.settings.indirect.irradiance_cache.accuracy;
         let mut heads = self.heads.clone();
-        for (head, distance) in heads.iter_mut().zip(neighbour_distances(&self.heads, accuracy)) {
+        // Radii are in proportion to distances, and those of neighbours follow.
+        for (head, limit) in heads.iter_mut().zip(&self.limits) {
+            head.distance = head.distance.min(limit / accuracy);
+        }
+        let distances = neighbour_distances(&heads, accuracy);
+        for (head, distance) in heads.iter_mut().zip(distances) {
             head.size = radius(distance, head.size, accuracy);
         }
         heads

@@ -2,11 +2,11 @@
 //! differ from it by no more than noise. All samples of a pixel share the noise of its records, so that more samples do
 //! not remove it, and no denoiser of the image knows of it.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::record_grid::{RecordGrid, weight};
-use crate::passes::gather::RecordHead;
+use super::noisy_records::{Member, NoisyRecords};
+use super::record_grid::RecordGrid;
 
 /// How far a record finds others, in radii and in pixels. Less leaves more noise, and more takes slopes of irradiance
 /// for noise (docs/decisions.md, "Filtered records").
@@ -31,23 +31,6 @@ const NOISE: [f64; 2] = [0.01, 0.03];
 
 /// Squared half-width of the confidence intervals that must overlap, over the variance; chosen as the reach was.
 const INTERVAL: f64 = 1.0;
-
-/// Irradiance records, as pass `gather` left them.
-pub(super) struct NoisyRecords<'a> {
-    /// Their sizes are those of pixels.
-    pub heads: &'a [RecordHead],
-    pub radii: &'a [f32],
-    /// Variances of their irradiance, sums of the channels.
-    pub variances: &'a [f32],
-    /// Irradiance and gradients, an equal number of values for each record; see `shaders/lib/record.wgsl`.
-    pub values: &'a [f32],
-}
-
-/// A record near another one.
-struct Member {
-    index: usize,
-    weight: f64,
-}
 
 /// What is known of the irradiance of a record.
 #[derive(Clone, Copy)]
@@ -100,43 +83,6 @@ impl NoisyRecords<'_> {
             self.values_of(i).iter().zip(wide).map(|(near, wide)| near + share as f32 * (wide - near)).collect()
         };
         (0..self.heads.len()).into_par_iter().flat_map_iter(spread).collect()
-    }
-
-    /// How many values a record has.
-    fn count(&self) -> usize {
-        self.values.len() / self.heads.len()
-    }
-
-    fn irradiance(&self, i: usize) -> DVec3 {
-        DVec3::from([3, 7, 11].map(|channel| f64::from(self.values_of(i)[channel])))
-    }
-
-    /// Whether there is a record, and its noise is known.
-    fn is_valid(&self, i: usize) -> bool {
-        self.heads[i].size > 0.0 && self.variances[i].is_finite()
-    }
-
-    /// The values of a record.
-    fn values_of(&self, i: usize) -> &[f32] {
-        &self.values[i * self.count()..][..self.count()]
-    }
-
-    /// The records of the grid on the same surface within `reach` of a record, and the record itself.
-    fn members(&self, grid: &RecordGrid, i: usize, reach: f32) -> Vec<Member> {
-        let mut members = Vec::new();
-        if self.is_valid(i) {
-            let here = RecordHead { size: reach, ..self.heads[i] };
-            members.push(Member { index: i, weight: 1.0 });
-            grid.each_near(Vec3::from(here.position), reach, |index| {
-                let weight = f64::from(weight(&here, &self.heads[index]));
-                if weight > 0.0 && index != i && self.is_valid(index) {
-                    members.push(Member { index, weight });
-                }
-            });
-            // Sums are the same from run to run.
-            members.sort_unstable_by_key(|member| member.index);
-        }
-        members
     }
 
     /// The mean of the members' values; of none, the record's own.
@@ -204,55 +150,16 @@ fn mean(members: &[Member], value: impl Fn(&Member) -> f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::noisy_records::plane::{Plane, SIDE, noise, uniform};
     use super::*;
+    use crate::passes::gather::RecordHead;
 
-    const SIDE: usize = 40;
-
-    /// Records on a square of SIDE x SIDE, two pixels apart, of flat surfaces.
-    struct Plane {
-        heads: Vec<RecordHead>,
-        values: Vec<f32>,
-        variances: Vec<f32>,
-    }
-
-    impl Plane {
-        /// With irradiance and variance by column and row.
-        fn new(record: impl Fn(usize, usize) -> [f32; 2]) -> Plane {
-            let mut plane = Plane { heads: Vec::new(), values: Vec::new(), variances: Vec::new() };
-            for (column, row) in (0..SIDE * SIDE).map(|i| (i % SIDE, i / SIDE)) {
-                let position = [0.02 * column as f32, 0.02 * row as f32, 0.0];
-                let head = RecordHead { position, size: 0.01, normal: [0.0, 0.0, 1.0], distance: 1.0 };
-                let [irradiance, variance] = record(column, row);
-                plane.heads.push(head);
-                plane.values.extend([0.0, 0.0, 0.0, irradiance].repeat(3));
-                plane.variances.push(variance);
-            }
-            plane
-        }
-
-        /// The irradiance of each record, filtered.
-        fn filtered(&self) -> Vec<f32> {
-            let radii = vec![0.1; self.heads.len()];
-            let Plane { heads, values, variances } = self;
-            let filtered = NoisyRecords { heads, radii: &radii, variances, values }.filtered();
-            assert_eq!(filtered.len(), values.len());
-            assert!(filtered.chunks(4).all(|texel| texel[..3] == [0.0; 3]));
-            filtered.chunks(12).map(|record| record[7]).collect()
-        }
-    }
-
-    /// The numbers of a sequence that is uniform in [0, 1), by index.
-    fn uniform(i: usize) -> f32 {
-        let mut state = (i as u32).wrapping_mul(0x9e37_79b9) ^ 0x85eb_ca6b;
-        for _ in 0..3 {
-            state = (state ^ (state >> 15)).wrapping_mul(0x2c1b_3c6d);
-        }
-        (state >> 8) as f32 / (1 << 24) as f32
-    }
-
-    /// Noise with a mean of 0 and this standard deviation.
-    fn noise(i: usize, deviation: f32) -> f32 {
-        (uniform(i) - 0.5) * 12f32.sqrt() * deviation
+    /// The irradiance of each record, filtered.
+    fn light_of(plane: &Plane) -> Vec<f32> {
+        let filtered = plane.records().filtered();
+        assert_eq!(filtered.len(), plane.values.len());
+        assert!(filtered.chunks(4).all(|texel| texel[..3] == [0.0; 3]));
+        filtered.chunks(12).map(|record| record[7]).collect()
     }
 
     fn mean_and_variance(values: &[f32]) -> [f64; 2] {
@@ -268,7 +175,7 @@ mod tests {
         let plane = Plane::new(|column, row| [2.0 + noise(row * SIDE + column, 0.1), 0.03]);
         let before: Vec<f32> = plane.values.chunks(12).map(|record| record[3]).collect();
         let ([mean, variance], [filtered_mean, left]) =
-            (mean_and_variance(&before), mean_and_variance(&plane.filtered()));
+            (mean_and_variance(&before), mean_and_variance(&light_of(&plane)));
         assert!((variance / 0.01 - 1.0).abs() < 0.1, "the test's own noise: {variance}");
         // 0.1 over the root of the 1,600 records is the error of the mean.
         assert!((filtered_mean - mean).abs() < 0.0025, "{mean} became {filtered_mean}");
@@ -281,7 +188,7 @@ mod tests {
     fn records_without_noise_stay_as_they_are() {
         let plane = Plane::new(|column, row| [uniform(row * SIDE + column), 0.0]);
         let before: Vec<f32> = plane.values.chunks(12).map(|record| record[3]).collect();
-        assert_eq!(plane.filtered(), before);
+        assert_eq!(light_of(&plane), before);
     }
 
     /// Light on both sides of an edge that noise does not explain stays on its side; a difference of the order of the
@@ -291,9 +198,9 @@ mod tests {
         let step =
             |height: f32| Plane::new(move |column, _| [if column < SIDE / 2 { 1.0 } else { 1.0 + height }, 3e-4]);
         let at = |filtered: &[f32], column: usize| filtered[SIDE / 2 * SIDE + column];
-        let filtered = step(0.5).filtered();
+        let filtered = light_of(&step(0.5));
         assert!((at(&filtered, SIDE / 2 - 1) - 1.0).abs() < 1e-4 && (at(&filtered, SIDE / 2) - 1.5).abs() < 1e-4);
-        let filtered = step(0.01).filtered();
+        let filtered = light_of(&step(0.01));
         assert!(at(&filtered, SIDE / 2 - 1) > 1.003, "the filter does nothing");
     }
 
@@ -302,7 +209,7 @@ mod tests {
     fn surfaces_do_not_mix() {
         let is_even = |column: usize, row: usize| (column + row).is_multiple_of(2);
         let board = || Plane::new(|column, row| [if is_even(column, row) { 1.0 } else { 2.0 }, 3.0]);
-        assert!(board().filtered().iter().all(|x| (x - 1.5).abs() < 0.1), "the test proves nothing");
+        assert!(light_of(&board()).iter().all(|x| (x - 1.5).abs() < 0.1), "the test proves nothing");
         for above in [false, true] {
             let mut plane = board();
             let odd = |(i, _): &(usize, &mut RecordHead)| !is_even(i % SIDE, i / SIDE);
@@ -314,7 +221,7 @@ mod tests {
                     head.normal = [0.5f32.sqrt(), 0.0, 0.5f32.sqrt()];
                 }
             }
-            for (i, irradiance) in plane.filtered().iter().enumerate() {
+            for (i, irradiance) in light_of(&plane).iter().enumerate() {
                 let own = if is_even(i % SIDE, i / SIDE) { 1.0 } else { 2.0 };
                 assert!((irradiance - own).abs() < 1e-5, "record {i}: {irradiance}");
             }
@@ -329,7 +236,7 @@ mod tests {
         let middle = SIDE / 2;
         let bright = |column, row| (column, row) == (middle, middle);
         let plane = Plane::new(|column, row| if bright(column, row) { [101.0, 3e4] } else { [1.0, 3e-2] });
-        let filtered = plane.filtered();
+        let filtered = light_of(&plane);
         let more: f32 = filtered.iter().map(|irradiance| irradiance - 1.0).sum();
         assert!(more > 33.0 && more < 101.0, "{more} of 100");
         let brightest = filtered.iter().copied().fold(0.0, f32::max);
@@ -342,14 +249,14 @@ mod tests {
     fn the_light_of_outliers_goes_far() {
         let place = |column, row| row == SIDE / 2 && (column == SIDE / 4 || column == 3 * SIDE / 4);
         let plane = Plane::new(|column, row| if place(column, row) { [101.0, 3e4] } else { [1.0, 3e-2] });
-        let filtered = plane.filtered();
+        let filtered = light_of(&plane);
         let [mean, _] = mean_and_variance(&filtered);
         let brightest = filtered.iter().copied().fold(0.0, f32::max);
         // Both bring a mean of 0.125. A disc of the near reach alone has a mean of 0.28, and three times that inside.
         assert!(mean > 1.03 && mean < 1.125 && brightest < 1.28, "mean {mean}, brightest {brightest}");
         let slope = |column: usize| 1.0 + 0.05 * column as f32;
         let at = |filtered: &[f32], column: usize| filtered[SIDE / 2 * SIDE + column];
-        let even = Plane::new(|column, _| [slope(column), 300.0]).filtered();
+        let even = light_of(&Plane::new(|column, _| [slope(column), 300.0]));
         // Means of the ends of a slope are off by a third of the reach: 5 columns of 15.
         assert!((at(&even, 0) - slope(5)).abs() < 0.1, "{} at the end, not {}", at(&even, 0), slope(5));
     }
@@ -362,7 +269,7 @@ mod tests {
             plane.values[12 * i + 7] = light;
             if light == 1e30 { plane.variances[i] = f32::INFINITY } else { plane.heads[i].size = 0.0 }
         }
-        let filtered = plane.filtered();
+        let filtered = light_of(&plane);
         for (i, irradiance) in filtered.iter().enumerate() {
             match i {
                 0 => assert!(irradiance.is_nan()),

@@ -1,0 +1,122 @@
+//! Irradiance records with their noise, and which of them are on one surface near each other.
+
+use glam::{DVec3, Vec3};
+
+use super::record_grid::{RecordGrid, weight};
+use crate::passes::gather::RecordHead;
+
+/// Irradiance records, as pass `gather` left them.
+#[derive(Clone, Copy)]
+pub(super) struct NoisyRecords<'a> {
+    /// Their sizes are those of pixels.
+    pub heads: &'a [RecordHead],
+    pub radii: &'a [f32],
+    /// Variances of their irradiance, sums of the channels.
+    pub variances: &'a [f32],
+    /// Irradiance and gradients, an equal number of values for each record; see `shaders/lib/record.wgsl`.
+    pub values: &'a [f32],
+}
+
+/// A record near another one.
+pub(super) struct Member {
+    pub index: usize,
+    /// As points are interpolated: 1 at the record, 0 at the end of the reach.
+    pub weight: f64,
+}
+
+impl NoisyRecords<'_> {
+    /// How many values a record has.
+    pub fn count(&self) -> usize {
+        self.values.len() / self.heads.len()
+    }
+
+    pub fn irradiance(&self, i: usize) -> DVec3 {
+        DVec3::from([3, 7, 11].map(|channel| f64::from(self.values_of(i)[channel])))
+    }
+
+    /// Whether there is a record, and its noise is known.
+    fn is_valid(&self, i: usize) -> bool {
+        self.heads[i].size > 0.0 && self.variances[i].is_finite()
+    }
+
+    /// The values of a record.
+    pub fn values_of(&self, i: usize) -> &[f32] {
+        &self.values[i * self.count()..][..self.count()]
+    }
+
+    /// The records of the grid on the same surface within `reach` of a record, and the record itself.
+    pub fn members(&self, grid: &RecordGrid, i: usize, reach: f32) -> Vec<Member> {
+        let mut members = Vec::new();
+        if self.is_valid(i) {
+            let here = RecordHead { size: reach, ..self.heads[i] };
+            members.push(Member { index: i, weight: 1.0 });
+            grid.each_near(Vec3::from(here.position), reach, |index| {
+                let weight = f64::from(weight(&here, &self.heads[index]));
+                if weight > 0.0 && index != i && self.is_valid(index) {
+                    members.push(Member { index, weight });
+                }
+            });
+            // Sums are the same from run to run.
+            members.sort_unstable_by_key(|member| member.index);
+        }
+        members
+    }
+}
+
+/// Records for tests.
+#[cfg(test)]
+pub(super) mod plane {
+    use super::*;
+
+    pub const SIDE: usize = 40;
+
+    /// Distance of neighbours.
+    pub const PITCH: f32 = 0.02;
+
+    /// Radius of all records: five neighbours.
+    pub const RADIUS: f32 = 5.0 * PITCH;
+
+    /// Records on a square of SIDE x SIDE, two pixels apart, of flat surfaces.
+    pub struct Plane {
+        pub heads: Vec<RecordHead>,
+        pub radii: Vec<f32>,
+        pub values: Vec<f32>,
+        pub variances: Vec<f32>,
+    }
+
+    impl Plane {
+        /// With irradiance and variance by column and row, without slopes.
+        pub fn new(record: impl Fn(usize, usize) -> [f32; 2]) -> Plane {
+            let radii = vec![RADIUS; SIDE * SIDE];
+            let mut plane = Plane { heads: Vec::new(), radii, values: Vec::new(), variances: Vec::new() };
+            for (column, row) in (0..SIDE * SIDE).map(|i| (i % SIDE, i / SIDE)) {
+                let position = [PITCH * column as f32, PITCH * row as f32, 0.0];
+                let head = RecordHead { position, size: 0.5 * PITCH, normal: [0.0, 0.0, 1.0], distance: 1.0 };
+                let [irradiance, variance] = record(column, row);
+                plane.heads.push(head);
+                plane.values.extend([0.0, 0.0, 0.0, irradiance].repeat(3));
+                plane.variances.push(variance);
+            }
+            plane
+        }
+
+        pub fn records(&self) -> NoisyRecords<'_> {
+            let Plane { heads, radii, values, variances } = self;
+            NoisyRecords { heads, radii, variances, values }
+        }
+    }
+
+    /// The numbers of a sequence that is uniform in [0, 1), by index.
+    pub fn uniform(i: usize) -> f32 {
+        let mut state = (i as u32).wrapping_mul(0x9e37_79b9) ^ 0x85eb_ca6b;
+        for _ in 0..3 {
+            state = (state ^ (state >> 15)).wrapping_mul(0x2c1b_3c6d);
+        }
+        (state >> 8) as f32 / (1 << 24) as f32
+    }
+
+    /// Noise with a mean of 0 and this standard deviation.
+    pub fn noise(i: usize, deviation: f32) -> f32 {
+        (uniform(i) - 0.5) * 12f32.sqrt() * deviation
+    }
+}

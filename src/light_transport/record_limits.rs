@@ -1,0 +1,199 @@
+//! How far a record's gradients hold. They know how surfaces that it sees move past each other, but neither how light
+//! behind glass or in mirrors does, nor that gradients change. So the records around are asked: where they differ by
+//! more than noise from what a record's gradients say, its radius shrinks, and points get records of their own. Rays
+//! reduce the noise, so with them come more and smaller records, and interpolation leaves no error in a long render.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::noisy_records::NoisyRecords;
+use super::record_grid::RecordGrid;
+
+/// Squared error at a record's radius that is allowed, over the variance of its irradiance. First-order gradients err in
+/// proportion to the square of the distance. The mean of its fourth power over a disc, by the weights of a record's
+/// points, is a seventh: so within the radius the error is as large as the noise.
+const ALLOWED: f64 = 7.0;
+
+/// Relative error at the radius that is always allowed: far below what an image shows, and far above the rounding of f32.
+const ALWAYS_ALLOWED: f64 = 1e-3;
+
+/// No radius shrinks to less than this at once: what lies nearer, no record tells yet.
+const MIN_SHARE: f64 = 0.5;
+
+/// How far gradients are off, from pairs of records.
+#[derive(Clone, Copy, Default)]
+struct Misfit {
+    /// Sums of squared differences that noise does not explain, and of fourth powers of distances over the radius.
+    excess: f64,
+    powers: f64,
+    /// Sums of the error that is allowed, and the number of pairs.
+    allowed: f64,
+    pairs: f64,
+}
+
+impl NoisyRecords<'_> {
+    /// The radius at which each record's gradients err as much as is allowed; infinite where that is beyond the radius
+    /// that it has, or nothing tells.
+    pub fn limits(&self) -> Vec<f32> {
+        let grid = RecordGrid::new(self.heads, |i| self.radii[i]);
+        let indices = || (0..self.heads.len()).into_par_iter();
+        let misfits: Vec<Misfit> = indices().map(|i| self.misfit(&grid, i)).collect();
+        // Few pairs tell little: the noise of their differences is larger than what is allowed.
+        let limit = |i: usize| {
+            let around = self.members(&grid, i, self.radii[i]);
+            let Misfit { excess, powers, allowed, pairs } =
+                around.iter().fold(Misfit::default(), |sum, member| sum.plus(misfits[member.index]));
+            let (error, allowed) = (excess / powers, allowed / pairs);
+            let share = (allowed / error).sqrt().sqrt();
+            // Not a number where noise explains all of the error, or there is no pair.
+            if share < 1.0 { self.radii[i] * share.max(MIN_SHARE) as f32 } else { f32::INFINITY }
+        };
+        indices().map(limit).collect()
+    }
+
+    /// How far the gradients of a record are off at those within its radius.
+    fn misfit(&self, grid: &RecordGrid, i: usize) -> Misfit {
+        let others = self.members(grid, i, self.radii[i]).into_iter().filter(|member| member.index != i);
+        others.fold(Misfit::default(), |sum, member| {
+            let noise = f64::from(self.variances[i]) + f64::from(self.variances[member.index]);
+            let irradiance = self.irradiance(member.index);
+            sum.plus(Misfit {
+                excess: self.extrapolated(i, member.index).distance_squared(irradiance) - noise,
+                powers: (1.0 - member.weight).powi(4),
+                allowed: ALLOWED * 0.5 * noise + ALWAYS_ALLOWED.powi(2) * irradiance.length_squared(),
+                pairs: 1.0,
+            })
+        })
+    }
+
+    /// The irradiance at another record by the gradients of this one; see `weighted_irradiance` in
+    /// `shaders/lib/record.wgsl`.
+    fn extrapolated(&self, i: usize, other: usize) -> DVec3 {
+        let (here, there) = (&self.heads[i], &self.heads[other]);
+        let offset = Vec3::from(there.position) - Vec3::from(here.position);
+        let axis = Vec3::from(here.normal).cross(Vec3::from(there.normal));
+        let texels = self.values_of(i).as_chunks::<4>().0;
+        let channel = |c: usize| {
+            let [x, y, z, irradiance] = texels[c];
+            // Only records of curved surfaces have a rotational gradient.
+            let turned = texels.get(3 + c).map_or(0.0, |[x, y, z, _]| Vec3::new(*x, *y, *z).dot(axis));
+            let change = Vec3::new(x, y, z).dot(offset) + turned;
+            f64::from(irradiance + change.max(-irradiance).min(irradiance))
+        };
+        DVec3::from([0, 1, 2].map(channel))
+    }
+}
+
+impl Misfit {
+    fn plus(self, other: Misfit) -> Misfit {
+        Misfit {
+            excess: self.excess + other.excess,
+            powers: self.powers + other.powers,
+            allowed: self.allowed + other.allowed,
+            pairs: self.pairs + other.pairs,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::noisy_records::plane::{PITCH, Plane, RADIUS, SIDE, noise};
+    use super::*;
+    use crate::passes::gather::RecordHead;
+
+    /// The record in the middle.
+    const MIDDLE: usize = SIDE / 2 * SIDE + SIDE / 2;
+
+    /// Records with irradiance and slope by the number of columns from the middle, and noise of a variance.
+    fn records(light: impl Fn(f32) -> f32, slope: impl Fn(f32) -> f32, variance: f32) -> Plane {
+        let from_middle = |column: usize| column as f32 - (SIDE / 2) as f32;
+        // All channels have the same noise, and the variance is their sum.
+        let noise = |i: usize| noise(i, (variance / 3.0).sqrt());
+        let mut plane = Plane::new(|column, row| [light(from_middle(column)) + noise(row * SIDE + column), variance]);
+        for (i, texel) in plane.values.chunks_mut(4).enumerate() {
+            texel[0] = slope(from_middle(i / 3 % SIDE)) / PITCH;
+        }
+        plane
+    }
+
+    /// A parabola differs from its tangent by its coefficient times the squared distance along the columns: a squared
+    /// error in proportion to the fourth power of the distance.
+    #[test]
+    fn radii_shrink_to_where_curved_light_is_known() {
+        let curvature = 0.002;
+        let plane = |variance| {
+            records(|x| 1.0 + curvature * x * x, |x| 2.0 * curvature * x, variance).records().limits()[MIDDLE]
+        };
+        // At the radius, of 5 columns: of three channels, and 3/8 is the mean of the fourth power of a cosine.
+        let error = 3.0 * (curvature * 25.0).powi(2) * 3.0 / 8.0;
+        for share in [0.6f32, 0.75, 0.9] {
+            // What is always allowed is 2 % of this at the least share.
+            let limit = plane(error * share.powi(4) / ALLOWED as f32);
+            // A disc of 69 records is no circle, and their noise is a hundredth of the error: 10 % of the error are
+            // 2.5 % of the radius.
+            assert!((limit / (share * RADIUS) - 1.0).abs() < 0.025, "{limit} of {RADIUS}, not {share} of it");
+        }
+        assert_eq!(plane(2.0 * error / ALLOWED as f32), f32::INFINITY);
+        assert_eq!(plane(1e-9), RADIUS * MIN_SHARE as f32);
+    }
+
+    /// Light that follows its slope limits nothing, with noise or without: rounding is no error. Without the slope, it
+    /// limits all records but those of the rims, which have few around them.
+    #[test]
+    fn straight_light_limits_nothing() {
+        for variance in [0.0, 1e-4, 1e-2] {
+            let unlimited = |slope: f32| {
+                let limits = records(|x| 1.0 + 0.02 * x, |_| slope, variance).records().limits();
+                limits.iter().filter(|limit| limit.is_infinite()).count()
+            };
+            let all = SIDE * SIDE;
+            // Noise of the pairs that a record and those around it have is a seventh of what is allowed.
+            assert!(unlimited(0.02) >= all * 99 / 100, "{} of {all} with a variance of {variance}", unlimited(0.02));
+            assert!(variance > 1e-4 || unlimited(0.0) == 0, "{} without a slope", unlimited(0.0));
+        }
+    }
+
+    /// At an edge radii shrink to a half at once. Beyond those that find records behind it, and those around them,
+    /// nothing changes.
+    #[test]
+    fn edges_limit_those_that_see_them() {
+        let limits = records(|x| if x < 0.0 { 1.0 } else { 2.0 }, |_| 0.0, 1e-4).records().limits();
+        let row = &limits[SIDE / 2 * SIDE..][..SIDE];
+        assert!(row[SIDE / 2 - 4..SIDE / 2 + 4].iter().all(|limit| *limit == RADIUS * MIN_SHARE as f32), "{row:?}");
+        let (left, right) = (&row[..SIDE / 2 - 10], &row[SIDE / 2 + 10..]);
+        assert!(left.iter().chain(right).all(|limit| limit.is_infinite()), "{row:?}");
+    }
+
+    /// Turned normals follow the rotational gradient.
+    #[test]
+    fn turned_normals_follow_their_gradient() {
+        let of = |gradient: f32| {
+            let head =
+                |x: f32, normal: [f32; 3]| RecordHead { position: [x, 0.0, 0.0], size: 0.01, normal, distance: 1.0 };
+            let (sine, cosine) = 0.1f32.sin_cos();
+            let heads = [head(0.0, [0.0, 0.0, 1.0]), head(0.05, [sine, 0.0, cosine])];
+            let values = |irradiance: f32| {
+                let translation = [0.0, 0.0, 0.0, irradiance].repeat(3);
+                [translation, [0.0, gradient, 0.0, 0.0].repeat(3)].concat()
+            };
+            // Normal z turns to x about y.
+            let values = [values(1.0), values(1.0 + 0.5 * sine)].concat();
+            let known = NoisyRecords { heads: &heads, radii: &[0.1; 2], variances: &[1e-6; 2], values: &values };
+            known.limits()[0]
+        };
+        assert_eq!(of(0.5), f32::INFINITY);
+        assert!(of(-0.5).is_finite() && of(0.0).is_finite());
+    }
+
+    #[test]
+    fn invalid_records_take_no_part() {
+        let mut plane = records(|_| 1.0, |_| 0.0, 0.0);
+        for (i, light) in [(0, f32::NAN), (SIDE * 7 + 7, f32::INFINITY), (MIDDLE, 1e30)] {
+            plane.values[12 * i + 7] = light;
+            if light == 1e30 { plane.variances[i] = f32::INFINITY } else { plane.heads[i].size = 0.0 }
+        }
+        assert!(plane.records().limits().iter().all(|limit| *limit == f32::INFINITY));
+        let none = NoisyRecords { heads: &[], radii: &[], variances: &[], values: &[] };
+        assert!(none.limits().is_empty());
+    }
+}
