@@ -14,7 +14,7 @@ use super::record_grid::RecordGrid;
 /// points, is a seventh: so within the radius the error is as large as the noise.
 const ALLOWED: f64 = 7.0;
 
-/// Relative error at the radius that is always allowed: far below what an image shows, and far above the rounding of f32.
+/// Relative error at the radius that is always allowed: far below what an image shows, and far above rounding.
 const ALWAYS_ALLOWED: f64 = 1e-3;
 
 /// No radius shrinks to less than this at once: what lies nearer, no record tells yet.
