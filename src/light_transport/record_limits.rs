@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use super::noisy_records::NoisyRecords;
 use super::record_grid::RecordGrid;
 
-/// Squared error at a record's radius that is allowed, over the variance of its irradiance. First-order gradients err in
-/// proportion to the square of the distance. The mean of its fourth power over a disc, by the weights of a record's
+/// Squared error at a record's radius that is allowed, over the variance of its irradiance. First-order gradients err
+/// in proportion to the square of the distance. The mean of its fourth power over a disc, by the weights of a record's
 /// points, is a seventh: so within the radius the error is as large as the noise.
 const ALLOWED: f64 = 7.0;
 
