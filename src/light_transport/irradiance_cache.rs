@@ -84,7 +84,7 @@ pub(crate) struct Records {
     ray_buffers: RayBuffers,
     /// Gather rays of each record so far.
     rays: u32,
-    /// The radius of each, at the most, as far as those around it tell; new records have none.
+    /// Maximum radius of each, as far as those around it tell; new records, at the end, have none.
     limits: Vec<f32>,
 }
 
@@ -282,11 +282,9 @@ impl Records {
 
     /// Limits radii to where gradients hold.
     fn limit_radii(&mut self, with: &Filling<'_>) -> Result<()> {
-        let radii: Vec<f32> = self.with_radii(with).iter().map(|head| head.size).collect();
-        let (variances, values) = self.buffers.read(with.gpu, self.heads.len())?;
-        let noisy = NoisyRecords { heads: &self.heads, radii: &radii, variances: &variances, values: &values };
+        let limits = self.with_noise(with, &self.with_radii(with), |noisy| noisy.limits())?;
         self.limits.resize(self.heads.len(), f32::INFINITY);
-        self.limits.iter_mut().zip(noisy.limits()).for_each(|(limit, now)| *limit = limit.min(now));
+        self.limits.iter_mut().zip(limits).for_each(|(limit, now)| *limit = limit.min(now));
         Ok(())
     }
 
@@ -327,12 +325,22 @@ impl Records {
 
     /// Irradiance and gradients for the points of the view. More rays add to those that are not filtered.
     fn filtered_values(&self, with: &Filling<'_>, with_radii: &[RecordHead]) -> Result<Buffer> {
+        let values = self.with_noise(with, with_radii, |noisy| noisy.filtered())?;
+        let filtered = self.buffers.values_like(with.gpu)?;
+        with.gpu.write(&filtered, &values);
+        Ok(filtered)
+    }
+
+    /// What a function finds of the records, their radii and their noise.
+    fn with_noise<T>(
+        &self,
+        with: &Filling<'_>,
+        with_radii: &[RecordHead],
+        find: impl FnOnce(&NoisyRecords<'_>) -> T,
+    ) -> Result<T> {
         let radii: Vec<f32> = with_radii.iter().map(|head| head.size).collect();
         let (variances, values) = self.buffers.read(with.gpu, self.heads.len())?;
-        let noisy = NoisyRecords { heads: &self.heads, radii: &radii, variances: &variances, values: &values };
-        let filtered = self.buffers.values_like(with.gpu)?;
-        with.gpu.write(&filtered, &noisy.filtered());
-        Ok(filtered)
+        Ok(find(&NoisyRecords { heads: &self.heads, radii: &radii, variances: &variances, values: &values }))
     }
 
     /// The heads with radii in place of the sizes of pixels, which respect the distances of their neighbours.

@@ -6,7 +6,6 @@ use super::record_grid::{RecordGrid, weight};
 use crate::passes::gather::RecordHead;
 
 /// Irradiance records, as pass `gather` left them.
-#[derive(Clone, Copy)]
 pub(super) struct NoisyRecords<'a> {
     /// Their sizes are those of pixels.
     pub heads: &'a [RecordHead],

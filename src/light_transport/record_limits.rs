@@ -6,7 +6,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::noisy_records::NoisyRecords;
+use super::noisy_records::{Member, NoisyRecords};
 use super::record_grid::RecordGrid;
 
 /// Squared error at a record's radius that is allowed, over the variance of its irradiance. First-order gradients err
@@ -37,23 +37,26 @@ impl NoisyRecords<'_> {
     pub fn limits(&self) -> Vec<f32> {
         let grid = RecordGrid::new(self.heads, |i| self.radii[i]);
         let indices = || (0..self.heads.len()).into_par_iter();
-        let misfits: Vec<Misfit> = indices().map(|i| self.misfit(&grid, i)).collect();
+        let members: Vec<Vec<Member>> = indices().map(|i| self.members(&grid, i, self.radii[i])).collect();
+        let misfits: Vec<Misfit> = indices().map(|i| self.misfit(i, &members[i])).collect();
         // Few pairs tell little: the noise of their differences is larger than what is allowed.
         let limit = |i: usize| {
-            let around = self.members(&grid, i, self.radii[i]);
             let Misfit { excess, powers, allowed, pairs } =
-                around.iter().fold(Misfit::default(), |sum, member| sum.plus(misfits[member.index]));
+                members[i].iter().fold(Misfit::default(), |sum, member| sum.plus(misfits[member.index]));
             let (error, allowed) = (excess / powers, allowed / pairs);
-            let share = (allowed / error).sqrt().sqrt();
-            // Not a number where noise explains all of the error, or there is no pair.
-            if share < 1.0 { self.radii[i] * share.max(MIN_SHARE) as f32 } else { f32::INFINITY }
+            // Without a pair neither is a number.
+            if error > allowed {
+                self.radii[i] * (allowed / error).sqrt().sqrt().max(MIN_SHARE) as f32
+            } else {
+                f32::INFINITY
+            }
         };
         indices().map(limit).collect()
     }
 
-    /// How far the gradients of a record are off at those within its radius.
-    fn misfit(&self, grid: &RecordGrid, i: usize) -> Misfit {
-        let others = self.members(grid, i, self.radii[i]).into_iter().filter(|member| member.index != i);
+    /// How far the gradients of a record are off at the members around it.
+    fn misfit(&self, i: usize, members: &[Member]) -> Misfit {
+        let others = members.iter().filter(|member| member.index != i);
         others.fold(Misfit::default(), |sum, member| {
             let noise = f64::from(self.variances[i]) + f64::from(self.variances[member.index]);
             let irradiance = self.irradiance(member.index);
@@ -127,9 +130,9 @@ mod tests {
         // At the radius, of 5 columns: of three channels, and 3/8 is the mean of the fourth power of a cosine.
         let error = 3.0 * (curvature * 25.0).powi(2) * 3.0 / 8.0;
         for share in [0.6f32, 0.75, 0.9] {
-            // What is always allowed is 2 % of this at the least share.
+            // What is always allowed is less than 1 % of this.
             let limit = plane(error * share.powi(4) / ALLOWED as f32);
-            // A disc of 69 records is no circle, and their noise is a hundredth of the error: 10 % of the error are
+            // A disc of 69 records is no circle, and their thousands of pairs leave some noise: 10 % of the error are
             // 2.5 % of the radius.
             assert!((limit / (share * RADIUS) - 1.0).abs() < 0.025, "{limit} of {RADIUS}, not {share} of it");
         }
@@ -147,7 +150,7 @@ mod tests {
                 limits.iter().filter(|limit| limit.is_infinite()).count()
             };
             let all = SIDE * SIDE;
-            // Noise of the pairs that a record and those around it have is a seventh of what is allowed.
+            // The pairs of a record and of those around it leave less noise than the error that is allowed.
             assert!(unlimited(0.02) >= all * 99 / 100, "{} of {all} with a variance of {variance}", unlimited(0.02));
             assert!(variance > 1e-4 || unlimited(0.0) == 0, "{} without a slope", unlimited(0.0));
         }
@@ -192,6 +195,10 @@ mod tests {
             plane.values[12 * i + 7] = light;
             if light == 1e30 { plane.variances[i] = f32::INFINITY } else { plane.heads[i].size = 0.0 }
         }
+        assert!(plane.records().limits().iter().all(|limit| *limit == f32::INFINITY));
+        // Records at one place tell nothing of gradients if noise explains how they differ.
+        let mut plane = Plane::new(|_, _| [1.0, 1e-4]);
+        plane.heads.iter_mut().for_each(|head| head.position = [0.0; 3]);
         assert!(plane.records().limits().iter().all(|limit| *limit == f32::INFINITY));
         let none = NoisyRecords { heads: &[], radii: &[], variances: &[], values: &[] };
         assert!(none.limits().is_empty());
