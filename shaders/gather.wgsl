@@ -23,7 +23,7 @@ import package::lib::rng::{hash2, hash3, uniform_from_bits};
 @if(dispersion) import package::lib::rng::hash1;
 @if(dispersion) import package::lib::wavelength::begin_wavelengths;
 import package::lib::surface::surface_at;
-import package::lib::constants::{DIMENSION_GATHER, GATHER_GROUP, MIN_RADIUS_PIXELS, PATH_GROUP, RECORD_HEAD_TEXELS};
+import package::lib::constants::{DIMENSION_GATHER, GATHER_GROUP, PATH_GROUP, RECORD_HEAD_TEXELS};
 import package::lib::constants::{COUNTER_NOT_FINITE_GATHER, COUNTER_OVERRUN};
 
 struct GatherParameters {
@@ -38,6 +38,8 @@ struct GatherParameters {
     seed: u32,
     // Height of the image in pixels.
     height: u32,
+    // Minimum radius of records with the rays of this wave and the earlier ones, in pixels.
+    min_radius: f32,
 }
 
 // Where a record lies, and what its waves have in common.
@@ -274,7 +276,7 @@ fn record(
     let footprint = pixel_size(origin.position, gather_pass.height);
     // In corners, distances go to 0 and gradients grow without bound. Distances below the minimum radius of a record
     // count as that radius: within it a gradient need not be valid.
-    let min_distance = footprint * f32(MIN_RADIUS_PIXELS);
+    let min_distance = footprint * gather_pass.min_radius;
     let frame = basis(normal);
     var sums: RecordSums;
     for (var k = 0u; k < gather_pass.sectors; k++) { add_sector(&sums, i * rays, k, frame, min_distance); }

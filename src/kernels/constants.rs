@@ -82,7 +82,6 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_LIGHT_SAMPLING", 0xe000_0000),
     ("MAX_LIGHTS", numbers::MAX_LIGHTS),
     ("ZONE_LIGHTS", numbers::ZONE_LIGHTS),
-    ("MIN_RADIUS_PIXELS", numbers::MIN_RADIUS_PIXELS),
     ("CLASSIFY_CANDIDATES", numbers::CLASSIFY_CANDIDATES),
     ("PATH_GROUP", numbers::PATH_GROUP),
     ("PROCEDURAL", procedural::PROCEDURAL),

@@ -260,9 +260,6 @@ pub const RECORD_VALUE_TEXELS_FLAT: u32 = 3;
 /// Texels of a record's values with rotational gradients.
 pub const RECORD_VALUE_TEXELS_CURVED: u32 = 6;
 
-/// Minimum radius of an irradiance record in pixels: denser records cost more than they improve.
-pub const MIN_RADIUS_PIXELS: u32 = 3;
-
 /// Weight of the squared offset along a record's normal, added to the squared distance. Such offsets count ten times
 /// (1 + 99 = 10 squared), so that a record is not used for a surface above or below its own.
 pub const RECORD_OFF_PLANE: f32 = 99.0;

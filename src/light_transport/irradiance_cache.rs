@@ -11,9 +11,11 @@ use super::noisy_records::NoisyRecords;
 use super::record_grid::{RecordGrid, weight};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
-use crate::kernels::{MIN_RADIUS_PIXELS, RECORD_MIN_WEIGHT};
+use crate::kernels::RECORD_MIN_WEIGHT;
 use crate::passes::cache::{Blocks, BoundCache, Cache, CacheBuffers, ViewRecords, wanted};
-use crate::passes::gather::{BoundGather, Gather, GatherSettings, RayBuffers, RecordBuffers, RecordHead, Wave};
+use crate::passes::gather::{
+    BoundGather, Gather, GatherSettings, RayBuffers, RecordBuffers, RecordHead, Wave, min_radius,
+};
 use crate::passes::path::Path;
 use crate::passes::primary::BoundPrimary;
 use crate::passes::{Tile, TileBuffers};
@@ -276,7 +278,8 @@ impl Records {
 
     /// Number of records of minimum radius: their surroundings are so near that a smaller radius would be needed.
     fn smallest(&self, accuracy: f32) -> u64 {
-        let is_smallest = |head: &&RecordHead| accuracy * head.distance <= MIN_RADIUS_PIXELS as f32 * head.size;
+        let min = min_radius(self.rays);
+        let is_smallest = |head: &&RecordHead| accuracy * head.distance <= min * head.size;
         self.heads.iter().filter(is_smallest).count() as u64
     }
 
@@ -346,14 +349,15 @@ impl Records {
     /// The heads with radii in place of the sizes of pixels, which respect the distances of their neighbours.
     fn with_radii(&self, with: &Filling<'_>) -> Vec<RecordHead> {
         let accuracy = with.settings.indirect.irradiance_cache.accuracy;
+        let radius = |distance: f32, pixel: f32| radius(distance, pixel, accuracy, min_radius(self.rays));
         let mut heads = self.heads.clone();
         // Radii are in proportion to distances, and those of neighbours follow.
         for (head, limit) in heads.iter_mut().zip(&self.limits) {
             head.distance = head.distance.min(limit / accuracy);
         }
-        let distances = neighbour_distances(&heads, accuracy);
+        let distances = neighbour_distances(&heads, radius);
         for (head, distance) in heads.iter_mut().zip(distances) {
-            head.size = radius(distance, head.size, accuracy);
+            head.size = radius(distance, head.size);
         }
         heads
     }
@@ -367,15 +371,15 @@ fn bind(with: &Filling<'_>, buffers: &CacheBuffers, heads: &[RecordHead], values
     with.kernels.cache.bind(gpu, with.tile, buffers, &records, with.scene)
 }
 
-/// The radius of a record, from its distance and the size of a pixel.
-fn radius(distance: f32, pixel: f32, accuracy: f32) -> f32 {
-    (accuracy * distance).clamp(MIN_RADIUS_PIXELS as f32 * pixel, MAX_RADIUS_PIXELS * pixel)
+/// The radius of a record, from its distance and the size of a pixel; `min` is the minimum in pixels.
+fn radius(distance: f32, pixel: f32, accuracy: f32, min: f32) -> f32 {
+    (accuracy * distance).clamp(min * pixel, MAX_RADIUS_PIXELS * pixel)
 }
 
 /// Distances of the records such that none exceeds a neighbour's distance plus the distance to that neighbour
 /// (neighbour clamping, Krivanek et al. 2006): one record may have hit a surface that another missed between its rays.
-fn neighbour_distances(heads: &[RecordHead], accuracy: f32) -> Vec<f32> {
-    let reach = |head: &RecordHead| radius(head.distance, head.size, accuracy);
+fn neighbour_distances(heads: &[RecordHead], radius: impl Fn(f32, f32) -> f32 + Sync) -> Vec<f32> {
+    let reach = |head: &RecordHead| radius(head.distance, head.size);
     let grid = RecordGrid::new(heads, |i| reach(&heads[i]));
     let nearest = |head: &RecordHead| {
         let (here, reach) = (Vec3::from(head.position), reach(head));
@@ -472,16 +476,17 @@ mod tests {
     fn distances_are_those_of_all_pairs() {
         for (count, accuracy) in [(0, 0.25), (1, 0.25), (2000, 0.25), (2000, 10.0)] {
             let heads = heads(count);
+            let radius = |distance: f32, pixel: f32| radius(distance, pixel, accuracy, 3.0);
             let expected: Vec<f32> = heads
                 .iter()
                 .map(|head| {
-                    let (here, reach) = (Vec3::from(head.position), radius(head.distance, head.size, accuracy));
+                    let (here, reach) = (Vec3::from(head.position), radius(head.distance, head.size));
                     let of = |other: &RecordHead| (here.distance(Vec3::from(other.position)), other.distance);
                     let near = heads.iter().map(of).filter(|(way, _)| *way < reach);
                     near.fold(head.distance, |least, (way, distance)| least.min(distance + way))
                 })
                 .collect();
-            assert_eq!(neighbour_distances(&heads, accuracy), expected, "{count} records");
+            assert_eq!(neighbour_distances(&heads, radius), expected, "{count} records");
             assert!(count < 2 || heads.iter().zip(&expected).any(|(head, distance)| head.distance > *distance));
         }
     }

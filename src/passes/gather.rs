@@ -25,6 +25,7 @@ shared_struct! {
         earlier_rays: u32,
         seed: u32,
         height: u32,
+        min_radius: f32,
     }
 }
 
@@ -343,6 +344,20 @@ impl Gather {
     }
 }
 
+/// Minimum radius in pixels of records with few rays: denser ones cost more than they improve.
+const MAX_MIN_RADIUS: f32 = 3.0;
+
+/// Rays of a record from which on the minimum shrinks. With 64 the box of `scenes/` had 1.08 times the error at 16
+/// samples.
+const FEW_RAYS: u32 = 128;
+
+/// Minimum radius in pixels of records with that many rays. Where surfaces meet, a record errs by the square of its
+/// radius, and no rays help: so the radius shrinks with the root of their number, and its squared error faster than
+/// their variance.
+pub fn min_radius(rays: u32) -> f32 {
+    MAX_MIN_RADIUS * (FEW_RAYS as f32 / rays.max(FEW_RAYS) as f32).sqrt()
+}
+
 /// Parameters of all gathers of a render.
 #[derive(Clone, Copy, Debug)]
 pub struct GatherSettings {
@@ -364,7 +379,8 @@ impl BoundGather {
         let ([rings, sectors], earlier_rays) = (self.wave.strata(), self.wave.earlier);
         let GatherSettings { seed, height, .. } = settings;
         let (first_record, count) = (records.start, records.len() as u32);
-        GatherParameters { first_record, count, rings, sectors, earlier_rays, seed, height }
+        let min_radius = min_radius(earlier_rays + self.wave.rays);
+        GatherParameters { first_record, count, rings, sectors, earlier_rays, seed, height, min_radius }
     }
 
     /// Places new records at the tile's points `wanted`, after the `before` earlier ones, and gathers the wave at them.
