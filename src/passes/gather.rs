@@ -434,6 +434,14 @@ impl BoundGather {
 mod tests {
     use super::*;
 
+    /// Four times the rays halve the minimum radius, from 128 on; with fewer it is three pixels.
+    #[test]
+    fn minimum_radii_shrink_as_rays_come() {
+        assert!([1, 16, 127, 128].iter().all(|rays| min_radius(*rays) == 3.0));
+        assert_eq!([512, 2048, 8192].map(min_radius), [1.5, 0.75, 0.375]);
+        assert!(min_radius(129) < 3.0 && min_radius(u32::MAX) > 0.0);
+    }
+
     /// The number of points in each of the strata that divide the square into `columns` x `rows`.
     fn counts(points: &[[u32; 2]], [columns, rows]: [u32; 2]) -> Vec<u32> {
         let mut counts = vec![0; (columns * rows) as usize];

@@ -54,8 +54,8 @@ pub(super) fn conditioning(totals: &Totals) -> Conditioning {
 
 /// The warnings, one for each count that indicates a problem.
 pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
-    // There is no warning about records of minimum radius: their blur is three pixels wide, and corners need them in
-    // any scene.
+    // There is no warning about records of minimum radius: their blur is three pixels wide at most, and corners
+    // need them in any scene.
     let mut warnings = number_warnings(totals);
     warnings.extend(unknown_warning(totals, settings));
     warnings.extend(path_warnings(totals, settings));

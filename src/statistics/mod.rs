@@ -152,7 +152,7 @@ pub struct Conditioning {
     pub near_overflow: u64,
     /// Points for which the visibility map had too few photons; see [`Points::unknown`].
     pub unknown: u64,
-    /// Irradiance records of the smallest radius, three pixels.
+    /// Irradiance records of the smallest radius: three pixels, and less as their rays come.
     pub min_radius_records: u64,
     /// Paths whose weight rose above 8 after Russian roulette.
     pub heavy_paths: u64,
