@@ -46,16 +46,21 @@ struct Sum {
     compensation: vec4f,
 }
 
+// The same numbers, but no compiler knows that they are: no pixel has 2^31 samples. NVIDIA's (580.159) cancels
+// `(total - value) - x` where it sees that `total` is `value + x`, as Vulkan permits, and so every compensation.
+fn opaque(x: vec4f) -> vec4f {
+    return bitcast<vec4f>(bitcast<vec4u>(x) | vec4u(film_parameters.earlier_samples >> 31u));
+}
+
 // Neumaier's step: computes the rounding error of the sum from the larger operand. Then moves as much of the
 // compensation as fits back into the sum (Dekker's sum of doubles). Otherwise the compensation would grow over many
-// similar samples, and round as an uncompensated sum does. (It is written as `rest - (value - total)`, because drivers
-// that cancel `(total + rest) - total` would lose all of it.)
+// similar samples, and round as an uncompensated sum does.
 fn compensated(sum: Sum, x: vec4f) -> Sum {
-    let total = sum.value + x;
+    let total = opaque(sum.value + x);
     let lost = select((x - total) + sum.value, (sum.value - total) + x, abs(sum.value) >= abs(x));
     let rest = sum.compensation.xyz + lost.xyz;
-    let value = total.xyz + rest;
-    return Sum(vec4f(value, total.w), vec4f(rest + (total.xyz - value), sum.compensation.w));
+    let value = opaque(vec4f(total.xyz + rest, total.w));
+    return Sum(value, vec4f(rest + (total.xyz - value.xyz), sum.compensation.w));
 }
 
 // The sum with another sample, which is left out if it is not finite.

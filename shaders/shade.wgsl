@@ -208,7 +208,9 @@ fn sum_light_points(
         sum += select(0.0, v - told, diffuse) * f.diffuse;
         @if(glossy) { sum += v * f.residual; }
     }
-    return LightPoints(sum / f32(count), f32(visible) / f32(max(facing, 1u)));
+    // A device may divide a number by itself and not get 1.
+    let share = select(f32(visible) / f32(facing), f32(visible > 0u), visible == 0u || visible == facing);
+    return LightPoints(sum / f32(count), share);
 }
 
 // Direct light of one light at one point.

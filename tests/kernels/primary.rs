@@ -144,6 +144,7 @@ fn cameras() -> [Camera; 2] {
 }
 
 /// The visible surface of a pixel.
+#[derive(Debug)]
 struct Visible {
     position: DVec3,
     /// Origin of rays that leave it, and its maximum error by the rounding of normals.
@@ -164,6 +165,7 @@ struct Visible {
 }
 
 /// What a pixel shows.
+#[derive(Debug)]
 struct Seen {
     visible: Option<Visible>,
     /// 1 if chance decided about a surface in front or the visible one, and 1 if it chose the visible one; else 0.
@@ -515,7 +517,11 @@ fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
                 (0..count).filter(differs).collect::<Vec<usize>>()
             };
             let wrong = differences(Fault::None);
-            assert!(wrong.is_empty(), "{size:?}: pixels {wrong:?}");
+            if let Some(first) = wrong.first() {
+                let oracle = Oracle { scene: &stage.scene, camera: &camera, tile, fault: Fault::None };
+                let got = outcome.lists().map(|list| list[*first].map(f32::from_bits));
+                panic!("{size:?}: pixels {wrong:?}, of which the first has {got:?}, not {:?}", oracle.see(*first));
+            }
             if count < 1000 {
                 continue;
             }
