@@ -209,7 +209,8 @@ fn sum_light_points(
         @if(glossy) { sum += v * f.residual; }
     }
     // A device may divide a number by itself and not get 1.
-    let share = select(f32(visible) / f32(facing), f32(visible > 0u), visible == 0u || visible == facing);
+    let all = visible == facing && facing > 0u;
+    let share = select(f32(visible) / f32(max(facing, 1u)), 1.0, all);
     return LightPoints(sum / f32(count), share);
 }
 

@@ -7,7 +7,7 @@
 // With the feature `indirect`, other passes have done next-event estimation at the first vertex. Of direct light, the
 // path then adds only what its first ray hits, for the specular part of the BSDF; without `bsdf_rays` it adds none of
 // that, as all lights are small beside the lobes of all surfaces (lib/bsdf_rays). With `global_map`, a path ends at
-// precomputed irradiance (Christensen 1999), once its footprint is as wide as the disc of photons of that irradiance.
+// precomputed irradiance (Christensen 1999), once its footprint is wide enough (FOOTPRINT_RADII).
 // With `caustics`, another pass adds the light that the diffuse part of the visible surface receives from lights by way
 // of focusing surfaces only. With `caustic_irradiance`, later vertices take that light from the irradiance points: a
 // path would meet it by chance, and seldom.
