@@ -277,7 +277,7 @@ fn textured(bytes: &[u8], extension: Option<&str>) -> File {
 
 #[test]
 fn webp_has_the_texels_of_its_twin() {
-    let texels: Vec<[u8; 4]> = (0..35u8).map(|i| [i * 7, 255 - i, i * i, 128 + i]).collect();
+    let texels: Vec<[u8; 4]> = (0..35u8).map(|i| [i * 7, 255 - i, i.wrapping_mul(i), 128 + i]).collect();
     let coded = webp(7, 5, &texels);
     let mut file = textured(&coded, Some("EXT_texture_webp"));
     file.json["extensionsRequired"] = json!(["EXT_texture_webp"]);
