@@ -36,6 +36,9 @@ mod meshes;
 mod path;
 #[path = "../tests/kernels/precision.rs"]
 mod precision;
+#[allow(dead_code)]
+#[path = "../tests/common/random.rs"]
+mod random;
 #[allow(dead_code, unused_imports)]
 #[path = "../tests/kernels/rooms.rs"]
 mod rooms;
@@ -46,7 +49,7 @@ mod stage;
 #[path = "../tests/kernels/statistics.rs"]
 mod statistics;
 
-use statistics::{Random, RandomVectors as _};
+use random::{Random, RandomInput as _};
 
 /// Median device time of the closed form, in nanoseconds for each point, for a square light of side `size` at a
 /// distance of about 1.

@@ -19,6 +19,12 @@ use penumbra::internal::passes::new_kernel;
 use penumbra::internal::specialisation::device_features;
 use penumbra::internal::specialisation::features::{Feature, Features};
 
+#[allow(dead_code)]
+#[path = "../tests/common/random.rs"]
+mod random;
+
+use random::{Random, RandomInput as _};
+
 /// Runs for each time.
 const RUNS: usize = 9;
 /// Side in pixels of the image whose camera rays are traced.
@@ -151,7 +157,7 @@ fn camera_rays(random: &mut Random) -> Rays {
         let (tile, lane) = (i / 64, i % 64);
         let (x, y) = (tile % (SIZE / 8) * 8 + lane % 8, tile / (SIZE / 8) * 8 + lane / 8);
         let at = |pixel: usize, jitter: f32| (pixel as f32 + jitter) / SIZE as f32 - 0.5;
-        let direction = vec3(at(x, random.number()), -at(y, random.number()), -1.3735).normalize();
+        let direction = vec3(at(x, random.unit()), -at(y, random.unit()), -1.3735).normalize();
         rays.push([0.0, 0.0, 3.6, 0.0]);
         rays.push(direction.extend(FAR).to_array());
     }
@@ -172,9 +178,9 @@ fn secondary_rays(bvh: &Bvh, camera: &Rays, answers: &[[f32; 4]], random: &mut R
         let normal = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalize();
         let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
         let point = Vec3::from_slice(&ray[0][..3]) + answer[0] * direction + 1e-5 * normal;
-        let light = vec3(0.8 * random.number() - 0.4, 0.99, 0.8 * random.number() - 0.4);
+        let light = vec3(0.8 * random.unit() - 0.4, 0.99, 0.8 * random.unit() - 0.4);
         shadow.extend([point.extend(0.0).to_array(), (light - point).extend(0.9999).to_array()]);
-        let (z, phi) = (2.0 * random.number() - 1.0, TAU * random.number());
+        let (z, phi) = (2.0 * random.unit() - 1.0, TAU * random.unit());
         let (sin, cos) = phi.sin_cos();
         let sphere = vec3((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z);
         diffuse.extend([point.extend(0.0).to_array(), (normal + sphere).normalize().extend(FAR).to_array()]);
@@ -256,8 +262,8 @@ fn spheres() -> Vec<Triangle> {
     let mut t = room();
     let mut random = Random(7);
     for i in 0..20 {
-        let centre = vec3(random.number() * 1.6 - 0.8, random.number() * 1.5 - 0.8, random.number() * 1.6 - 0.8);
-        let radius = 0.1 + 0.15 * random.number();
+        let centre = vec3(random.unit() * 1.6 - 0.8, random.unit() * 1.5 - 0.8, random.unit() * 1.6 - 0.8);
+        let radius = 0.1 + 0.15 * random.unit();
         let (rows, columns) = (50, 100);
         let point = |row: usize, column: usize| {
             let (theta, phi) = (PI * row as f32 / rows as f32, TAU * (column % columns) as f32 / columns as f32);
@@ -274,14 +280,4 @@ fn spheres() -> Vec<Triangle> {
         }
     }
     t
-}
-
-/// Numbers in 0..1 (Knuth's MMIX constants; the upper bits are the good ones).
-struct Random(u64);
-
-impl Random {
-    fn number(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 40) as f32 / (1u64 << 24) as f32
-    }
 }

@@ -449,14 +449,12 @@ fn seen_part(camera: &CameraUniform, head: &RecordHead) -> Option<[[f32; 2]; 2]>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     /// Records on a tilted plane and scattered in space, near and far, some of them invalid, some at one place.
     fn heads(count: u32) -> Vec<RecordHead> {
-        let mut state = 1u32;
-        let mut xi = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32
-        };
+        let mut random = Random(1);
+        let mut xi = || random.uniform() as f32;
         let head = |i: u32| {
             let [x, y, z] = [xi(), xi(), xi()].map(|x| 2.0 * x - 1.0);
             let far = if i.is_multiple_of(50) { 1e4 } else { 1.0 };

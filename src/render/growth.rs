@@ -61,18 +61,15 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     /// Of independent samples, some of which were there before, the noise is that of the mean of all, less what
     /// samples of a sequence have less.
     #[test]
     fn noise_is_that_of_all_samples() {
-        let mut state = 1u32;
-        let mut uniform = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            f64::from(state >> 8) / f64::from(1 << 24)
-        };
+        let mut random = Random(1);
         // Samples of mean 4 and variance 1/12, of 20,000 pixels.
-        let mut sum = |samples: u32| (0..samples).map(|_| 3.5 + uniform()).sum::<f64>();
+        let mut sum = |samples: u32| (0..samples).map(|_| 3.5 + random.uniform()).sum::<f64>();
         for (fewer, samples) in [(1, 2), (4, 8), (3, 8)] {
             let sums: Vec<[f64; 2]> = (0..20_000).map(|_| [sum(fewer), sum(samples - fewer)]).collect();
             let before = sums.iter().map(|[a, _]| (a / f64::from(fewer)) as f32).collect();

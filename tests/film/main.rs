@@ -6,6 +6,8 @@ mod exr;
 mod metrics;
 mod mixture;
 mod png;
+#[allow(dead_code)]
+#[path = "../common/random.rs"]
 mod random;
 mod stratification;
 mod tone_map;

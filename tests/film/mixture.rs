@@ -3,7 +3,7 @@
 use penumbra::internal::render::denoise::Colour;
 use penumbra::internal::render::denoise::mixture::{Candidate, Mixed, Raw, alone, mix};
 
-use crate::random::Random;
+use crate::random::{Random, RandomInput as _};
 
 const SIZE: [u32; 2] = [97, 83];
 

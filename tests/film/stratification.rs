@@ -3,7 +3,7 @@
 use penumbra::internal::render::denoise::stratification::{ratios, reduced};
 use penumbra::internal::render::denoise::{Colour, Light, Part};
 
-use crate::random::Random;
+use crate::random::{Random, RandomInput as _};
 
 const SIZE: [u32; 2] = [90, 70];
 

@@ -8,17 +8,8 @@ use penumbra::{Aov, Image, Scene, Settings, Statistics, Technique};
 use serde_json::json;
 
 use crate::builder::{File, U32, png};
+use crate::random::{Random, RandomInput as _};
 use crate::setup::render_scene;
-
-/// Random numbers in 0..1 (Knuth's MMIX constants).
-struct Random(u64);
-
-impl Random {
-    fn number(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 40) as f32 / (1u64 << 24) as f32
-    }
-}
 
 /// `side` x `side` leathery balls with holes on a floor below a lamp: turned, stretched, a third of them mirrored. They
 /// have normals, a normal map, a texture with an alpha mask, and vertex colours.
@@ -77,13 +68,13 @@ fn balls(side: usize, rings: usize) -> File {
     let mut random = Random(7);
     let (mut translations, mut rotations, mut scales) = (Vec::new(), Vec::new(), Vec::new());
     for (i, j) in (0..side).flat_map(|i| (0..side).map(move |j| (i, j))) {
-        let at = |i: usize, random: &mut Random| 2.6 * (i as f32 - 0.5 * size) + 0.6 * random.number();
+        let at = |i: usize, random: &mut Random| 2.6 * (i as f32 - 0.5 * size) + 0.6 * random.unit();
         translations.push([at(i, &mut random), 1.0, at(j, &mut random)]);
-        let q = [0; 4].map(|_| random.number() - 0.5);
+        let q = [0; 4].map(|_| random.unit() - 0.5);
         let length = q.iter().map(|x| x * x).sum::<f32>().sqrt();
         rotations.push(q.map(|x| x / length));
         let mirrored = if (i + j) % 3 == 0 { -1.0 } else { 1.0 };
-        scales.push([mirrored, 1.0, 1.0].map(|s| s * (0.5 + 0.7 * random.number())));
+        scales.push([mirrored, 1.0, 1.0].map(|s| s * (0.5 + 0.7 * random.unit())));
     }
     let (t, r, s) = (file.floats(&translations), file.floats(&rotations), file.floats(&scales));
     let attributes = json!({ "TRANSLATION": t, "ROTATION": r, "SCALE": s });

@@ -20,6 +20,9 @@ mod pieces;
 mod procedural;
 #[path = "../common/procedurals.rs"]
 mod procedurals;
+#[allow(dead_code)]
+#[path = "../common/random.rs"]
+mod random;
 mod setup;
 #[path = "../common/shared_files.rs"]
 mod shared_files;

@@ -7,18 +7,8 @@ use penumbra::internal::scene::ImportOptions;
 use penumbra::settings::{Background, Crop, Denoise, SampleRange};
 use penumbra::{Aov, Denoiser, Image, Metadata, Renderer, Scene, Settings, Technique};
 
+use crate::random::{Random, RandomInput as _};
 use crate::setup::{assert_same, gpu, scene_file};
-
-/// Numbers from 0 to `below` - 1.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, below: u32) -> u32 {
-        // Knuth's MMIX.
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) as u32 % below
-    }
-}
 
 fn renderer(scene: &str, settings: &Settings) -> Renderer<'static> {
     let scene = Scene::load(scene_file(scene), &ImportOptions::default()).unwrap();

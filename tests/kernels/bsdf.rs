@@ -11,7 +11,8 @@ use penumbra::internal::kernels::compose_source;
 use penumbra::internal::specialisation::features::{Feature, Features};
 
 use crate::kit::{device_features, new_kernel};
-use crate::statistics::{Random, RandomVectors as _, chi_square};
+use crate::random::{Random, RandomInput as _};
+use crate::statistics::chi_square;
 
 /// A surface of one colour, as the kernel gets it.
 #[derive(Clone, Copy, Debug)]

@@ -15,8 +15,8 @@ use penumbra::settings::Technique;
 use crate::kit::published;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
+use crate::random::{Random, RandomInput as _};
 use crate::stage::{LightPoint, Stage, crossings, oct_encode, whole};
-use crate::statistics::{Random, RandomVectors as _};
 
 /// Cells along the longest side, and rays per cell.
 const CELLS: u32 = 9;

@@ -7,7 +7,7 @@ use penumbra::internal::render::denoise::statistical::StatisticalDenoiser;
 use penumbra::internal::render::denoise::{self, Guides, Noisy, Part};
 
 use crate::kit::device_features;
-use crate::statistics::Random;
+use crate::random::{Random, RandomInput as _};
 
 /// An image for the denoiser: mean and variance of direct and of indirect light, albedo, normal, position.
 #[derive(Clone)]
@@ -79,12 +79,6 @@ impl Input {
     }
 }
 
-/// A normally distributed number (Box and Muller 1958).
-fn normal(random: &mut Random) -> f64 {
-    let radius = (-2.0 * (1.0 - random.uniform()).ln()).sqrt();
-    radius * (std::f64::consts::TAU * random.uniform()).cos()
-}
-
 /// Two surfaces, textured, one of them in part behind nothing, with noise and a firefly.
 fn scenery(width: usize, height: usize, samples: u32) -> Input {
     let mut random = Random(3);
@@ -104,7 +98,7 @@ fn scenery(width: usize, height: usize, samples: u32) -> Input {
         for (light, spread) in [(DIRECT, 0.3), (INDIRECT, 0.1)] {
             let level = tile * if wall { 1.4 } else { 0.8 + 0.02 * x as f32 };
             let firefly = if i == width * height / 2 { 20.0 } else { 0.0 };
-            input.planes[light][i] = [0; 3].map(|_| level * (1.0 + spread * normal(&mut random) as f32) + firefly);
+            input.planes[light][i] = [0; 3].map(|_| level * (1.0 + spread * random.normal() as f32) + firefly);
             let variance = (level * spread).powi(2) * (0.5 + random.uniform() as f32);
             input.planes[light + 1][i] = [variance + firefly * firefly; 3];
         }
@@ -415,7 +409,7 @@ fn noise_is_averaged_over_the_window(gpu: &Gpu) {
 fn noise_is_removed_as_far_as_it_is_known(gpu: &Gpu) {
     const SIZE: usize = 48;
     let mut random = Random(18);
-    let noise: Vec<f32> = (0..SIZE * SIZE).map(|_| 1.0 + 0.1 * normal(&mut random) as f32).collect();
+    let noise: Vec<f32> = (0..SIZE * SIZE).map(|_| 1.0 + 0.1 * random.normal() as f32).collect();
     let error = |variance: f32| {
         let got = Input::plane(SIZE, SIZE, 16).light(|x, y| noise[y * SIZE + x], variance).red(gpu);
         let mean = got.iter().sum::<f64>() / got.len() as f64;
@@ -456,7 +450,7 @@ fn halves_tell_how_much_is_noise(gpu: &Gpu) {
         (0..SIZE * SIZE).map(|_| if random.uniform() < 0.5 { [0.9; 3] } else { [1.1; 3] }).collect();
     let mut changed = |noise: f32| -> f64 {
         let mut half = || -> Vec<[f32; 3]> {
-            let pixel = |[value, ..]: &[f32; 3]| [value + noise * normal(&mut random) as f32; 3];
+            let pixel = |[value, ..]: &[f32; 3]| [value + noise * random.normal() as f32; 3];
             texture.iter().map(pixel).collect()
         };
         let means = [half(), half()];
@@ -495,7 +489,7 @@ fn edges_beyond_noise_stay(gpu: &Gpu) {
     const SIZE: usize = 32;
     let mut random = Random(19);
     // Twenty standard deviations apart.
-    let mut side = |x: usize| if x < SIZE / 2 { 1.0 } else { 2.0 } + 0.05 * normal(&mut random) as f32;
+    let mut side = |x: usize| if x < SIZE / 2 { 1.0 } else { 2.0 } + 0.05 * random.normal() as f32;
     let got = Input::plane(SIZE, SIZE, 16).light(|x, _| side(x), 0.0025).red(gpu);
     for (i, value) in got.iter().enumerate() {
         let side = if i % SIZE < SIZE / 2 { 1.0 } else { 2.0 };
@@ -511,7 +505,7 @@ fn edges_beyond_noise_stay(gpu: &Gpu) {
 fn a_firefly_does_not_spread(gpu: &Gpu) {
     const SIZE: usize = 32;
     let mut random = Random(20);
-    let calm = Input::plane(SIZE, SIZE, 64).light(|_, _| 1.0 + 0.05 * normal(&mut random) as f32, 0.0025);
+    let calm = Input::plane(SIZE, SIZE, 64).light(|_, _| 1.0 + 0.05 * random.normal() as f32, 0.0025);
     let firefly = 16 * SIZE + 16;
     let mut struck = calm.clone();
     // A single sample of 64 has all of the light.

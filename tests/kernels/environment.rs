@@ -14,7 +14,8 @@ use penumbra::internal::specialisation::features::{Feature, Features};
 use crate::kit::{device_features, new_kernel};
 use crate::light::cube;
 use crate::meshes::{panorama, scene, surface};
-use crate::statistics::{Random, RandomVectors as _, chi_square, mean_and_error, z_test};
+use crate::random::{Random, RandomInput as _};
+use crate::statistics::{chi_square, mean_and_error, z_test};
 
 /// A cube of edge 0.6 in a panorama.
 fn surrounded(panorama: &Panorama, rotation: f64, strength: f32) -> Scene {

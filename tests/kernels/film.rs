@@ -8,7 +8,7 @@ use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 
 use crate::kit::device_features;
-use crate::statistics::Random;
+use crate::random::Random;
 
 type Samples = Vec<[f32; 4]>;
 

@@ -10,7 +10,7 @@ use penumbra::internal::passes::fine_cells::{FineCell, FineCellTable, FineCellVi
 use penumbra::internal::specialisation::features::{Feature, Features};
 
 use crate::kit::{device_features, new_kernel};
-use crate::statistics::Random;
+use crate::random::Random;
 
 const NEAREST: u32 = 20;
 const VIEW: FineCellView =

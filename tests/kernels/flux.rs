@@ -13,8 +13,9 @@ use penumbra::settings::Technique;
 use crate::kit::{device_features, new_kernel};
 use crate::light::{Corners, cube, form_factor, sphere, square};
 use crate::path::{camera, inside_out, scene, surface};
+use crate::random::Random;
 use crate::stage::Stage;
-use crate::statistics::{Random, chi_square, z_test};
+use crate::statistics::{chi_square, z_test};
 
 const SEED: u32 = 7;
 

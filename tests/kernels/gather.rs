@@ -20,9 +20,10 @@ use crate::irradiance::carrying;
 use crate::kit::published;
 use crate::light::{Corners, cube, form_factor, sphere, square};
 use crate::path::{camera, inside_out, scene, surface};
+use crate::random::{Random, RandomInput as _};
 use crate::rooms::point;
 use crate::stage::{Stage, oct_encode};
-use crate::statistics::{Random, RandomVectors as _, mean_and_error, z_test};
+use crate::statistics::{mean_and_error, z_test};
 
 /// The waves of a record with 256 rays.
 const AT_ONCE: &[Wave] = &[Wave { earlier: 0, rays: 256 }];

@@ -13,7 +13,8 @@ use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::specialisation::lights::{has_many_emitters, is_closed};
 
 use crate::kit::{device_features, new_kernel};
-use crate::statistics::{Random, RandomVectors as _, chi_square, z_test};
+use crate::random::{Random, RandomInput as _};
+use crate::statistics::{chi_square, z_test};
 
 pub use crate::meshes::{Corners, cube, sphere, square};
 

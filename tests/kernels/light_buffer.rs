@@ -14,8 +14,8 @@ use penumbra::settings::Technique;
 use crate::kit::published;
 use crate::light::{sphere, square};
 use crate::path::{camera, scene, surface};
+use crate::random::Random;
 use crate::stage::{EDGE, Stage, crossings, oct_decode, oct_encode, whole};
-use crate::statistics::Random;
 
 const POSITION: Vec3 = Vec3::new(0.15, 0.38, 0.1);
 const SPOT: Vec3 = Vec3::new(-0.3, 0.3, 0.3);

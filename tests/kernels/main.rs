@@ -28,6 +28,9 @@ mod primary;
 mod procedural;
 #[path = "../common/procedurals.rs"]
 mod procedurals;
+#[allow(dead_code)]
+#[path = "../common/random.rs"]
+mod random;
 mod receivers;
 mod rooms;
 mod sample_lights;

@@ -14,7 +14,7 @@ use penumbra::internal::statistics::Counter;
 
 use crate::kit::{device_features, new_kernel};
 use crate::light::{self, Corners, Place, square};
-use crate::statistics::{Random, RandomVectors as _};
+use crate::random::{Random, RandomInput as _};
 use crate::{cache, irradiance};
 
 /// One unit in the last place (ulp) of numbers from 1 to 2. Errors are in ulp of the scale that a row names.

@@ -17,8 +17,8 @@ use penumbra::settings::Technique;
 
 use crate::light::{Corners, sphere, square};
 use crate::path::{camera, scene, surface};
+use crate::random::Random;
 use crate::stage::{Crossing, Stage, constant, crossings, hash, oct_decode, pixel_of, sobol1, whole};
-use crate::statistics::Random;
 
 /// Faults planted in the oracle, which the comparison must find.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -18,9 +18,10 @@ use penumbra::settings::Technique;
 use crate::kit::{device_features, new_kernel, published};
 use crate::light::{sphere, square};
 use crate::path::{camera, scene, surface};
+use crate::random::{Random, RandomInput as _};
 use crate::rooms::photon;
 use crate::stage::{Stage, oct_encode};
-use crate::statistics::{Random, RandomVectors as _, mean_and_error, z_test};
+use crate::statistics::{mean_and_error, z_test};
 
 const LIGHTS: usize = 90;
 const LIGHTS_PER_POINT: u32 = 8;

@@ -14,8 +14,8 @@ use penumbra::settings::Technique;
 use crate::kit::published;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
+use crate::random::{Random, RandomInput as _};
 use crate::stage::{Candidates, LightPoint, Stage, oct_decode, oct_encode, whole};
-use crate::statistics::{Random, RandomVectors as _};
 
 /// Initial value of the counters: kernels add to them.
 const BEFORE: u32 = 1000;

@@ -1,7 +1,5 @@
 //! Statistical tests of samples, at a significance level that holds for a whole family of tests.
 
-pub use penumbra::internal::random::Random;
-
 /// Probability that a correct sampler fails at least one test of a family. Seeds are fixed, so a test that passed once
 /// always passes.
 const SIGNIFICANCE: f64 = 1e-3;
@@ -87,27 +85,4 @@ fn a_loaded_die_is_found() {
     assert!(chi_square(&[900, 1013, 1007, 980, 960, 1140], &expected, 1).is_err());
     z_test(1.02, 0.01, 1.0, 1).unwrap();
     assert!(z_test(1.04, 0.01, 1.0, 1).is_err());
-}
-
-/// Vectors of random numbers.
-pub trait RandomVectors {
-    /// Uniform in [-1, 1)^3.
-    fn point(&mut self) -> glam::DVec3;
-    /// Uniform on the unit sphere.
-    fn direction(&mut self) -> glam::DVec3;
-}
-
-impl RandomVectors for Random {
-    fn point(&mut self) -> glam::DVec3 {
-        glam::DVec3::new(self.uniform(), self.uniform(), self.uniform()) * 2.0 - 1.0
-    }
-
-    fn direction(&mut self) -> glam::DVec3 {
-        loop {
-            let p = self.point();
-            if p.length() < 1.0 && p.length() > 1e-3 {
-                return p.normalize();
-            }
-        }
-    }
 }

@@ -13,8 +13,8 @@ use penumbra::settings::Technique;
 use crate::kit::published;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
+use crate::random::{Random, RandomInput as _};
 use crate::stage::{Stage, hash1, oct_encode, whole};
-use crate::statistics::{Random, RandomVectors as _};
 
 /// More lights than one dispatch of `order` processes.
 const LIGHTS: usize = 70;
