@@ -89,6 +89,31 @@ fn textures_behind_glass_stay() {
     assert!((contrast / 0.6 - (1.0 - SHARE)).abs() < 0.03, "{contrast}");
 }
 
+/// What pixels see of the front beyond its part of the mixture leaves no trace: one that shows it two or three times as
+/// often as others has no more of its contrast.
+#[test]
+fn what_chance_shows_too_often_is_no_mark() {
+    let stripes = |i: usize| if (i % SIZE[0] as usize).is_multiple_of(2) { 0.2 } else { 0.8 };
+    let seen = mixed(4, stripes, |_| 0.5);
+    let settled = settle(&seen);
+    let contrast = |pixels: &[Seen], chosen: f64| {
+        let mean_of = |colour: f64| {
+            let shows = |i: &usize| seen[*i].chosen == chosen && stripes(*i) == colour;
+            let shown: Vec<f64> = (0..seen.len()).filter(shows).map(|i| pixels[i].guides[0].x).collect();
+            assert!(shown.len() > 20, "{} pixels show it", shown.len());
+            shown.iter().sum::<f64>() / shown.len() as f64
+        };
+        mean_of(0.8) - mean_of(0.2)
+    };
+    for chosen in [0.25, 0.5, 0.75] {
+        assert!((contrast(&seen, chosen) / 0.6 - chosen).abs() < 1e-9);
+        let left = contrast(&settled, chosen) / 0.6;
+        // 48 pixels of four choices around a pixel tell the share with a standard error of 0.03. Where it is less than
+        // the pixel's own by chance, that is lost too: a mean of 0.4 of the error.
+        assert!((left - SHARE).abs() < 0.03, "{left} of the contrast where {chosen} show it");
+    }
+}
+
 /// Where chance chooses nothing, and where all pixels have the same share, nothing changes.
 #[test]
 fn what_is_settled_stays() {

@@ -25,8 +25,9 @@ pub struct Seen {
 /// The guides of pixel `i` without what chance makes them differ from those around it; `seen` tells what a pixel shows.
 ///
 /// Around a pixel guides are fitted by `a + b chosen`. The pixel gets the fit at the mean share, and a part of its own
-/// distance from the fit: all where its share is the mean, and where its samples show only one surface the part that
-/// this surface has in the mixture.
+/// distance from the fit, which may come from either surface: as much as would be left if the samples showed the one
+/// that they show too often no more often than others do. So a lamp that one of four samples finds in glass leaves its
+/// pixel like those around it, and the light that it brings stands out from theirs.
 pub fn settled([width, height]: [u32; 2], seen: &impl Fn(usize) -> Seen, i: usize) -> [DVec3; 3] {
     let own = seen(i);
     if own.choosing == 0.0 {
@@ -67,7 +68,8 @@ impl Sums {
     fn settled(&self, own: &Seen) -> [DVec3; 3] {
         let share = self.chosen / self.count;
         let variance = self.squares / self.count - share * share + RIDGE;
-        let kept = 1.0 - (own.chosen - share).abs();
+        // Of 0 / 0 `min` takes the other number.
+        let kept = 1f64.min(share / own.chosen).min((1.0 - share) / (1.0 - own.chosen));
         std::array::from_fn(|k| {
             let mean = self.guides[k] / self.count;
             let slope = (self.products[k] / self.count - share * mean) / variance;
