@@ -23,11 +23,6 @@ pub trait RandomInput {
     fn unit(&mut self) -> f32 {
         (self.word() >> 8) as f32 / (1u32 << 24) as f32
     }
-
-    /// Uniform in [-1, 1).
-    fn signed(&mut self) -> f32 {
-        2.0 * self.unit() - 1.0
-    }
 }
 
 impl RandomInput for Random {

@@ -25,9 +25,9 @@ pub struct Seen {
 /// The guides of pixel `i` without what chance makes them differ from those around it; `seen` tells what a pixel shows.
 ///
 /// Around a pixel guides are fitted by `a + b chosen`. The pixel gets the fit at the mean share, and a part of its own
-/// distance from the fit, which may come from either surface: as much as would be left if the samples showed the one
-/// that they show too often no more often than others do. So a lamp that one of four samples finds in glass leaves its
-/// pixel like those around it, and the light that it brings stands out from theirs.
+/// distance from the fit. If it shows a surface more often than the pixels around it do, that part is their share of
+/// the surface over its own. So a lamp that one of four samples finds in glass leaves its pixel like those around it,
+/// and the light that it brings stands out from theirs.
 pub fn settled([width, height]: [u32; 2], seen: &impl Fn(usize) -> Seen, i: usize) -> [DVec3; 3] {
     let own = seen(i);
     if own.choosing == 0.0 {
