@@ -126,9 +126,9 @@ fn write_triangle(texels: &mut [[u32; 4]], scene: &Scene, triangle: &Triangle, l
     }
 }
 
-/// The tangent for files without tangents: the direction of increasing u over the triangle, and the handedness of
-/// u and v, in the coordinates in which the texture is read (KHR_texture_transform). Unlike MikkTSpace, which glTF
-/// names, it does not average between triangles.
+/// The tangent for files without tangents: the direction of increasing u over the triangle, in the coordinates in which
+/// the texture is read (KHR_texture_transform). Its handedness makes the bitangent point up the image, against v, as
+/// the green of a normal map does. Unlike MikkTSpace, which glTF names, it does not average between triangles.
 fn uv_tangent(scene: &Scene, triangle: &Triangle) -> Vec4 {
     let material = &scene.materials[triangle.material as usize];
     let read = material.tangent_textures().next();
@@ -140,7 +140,7 @@ fn uv_tangent(scene: &Scene, triangle: &Triangle) -> Vec4 {
     let tangent = (e1 * d2.y - e2 * d1.y) * determinant.signum();
     // If the texture coordinates do not span a plane, any direction in the triangle will do.
     let tangent = tangent.try_normalize().or_else(|| e1.try_normalize()).unwrap_or(Vec3::X);
-    tangent.extend(if determinant < 0.0 { -1.0 } else { 1.0 })
+    tangent.extend(if determinant < 0.0 { 1.0 } else { -1.0 })
 }
 
 #[cfg(test)]
@@ -153,13 +153,14 @@ mod tests {
     use super::*;
     use crate::scene::{Material, NO_LIGHT, TextureInfo, Vertex};
 
-    /// A computed tangent is the direction of u in the texture as it is turned and mirrored.
+    /// A computed tangent is the direction of u in the texture as it is turned and mirrored. The image is upright on
+    /// the triangle: its v runs down.
     #[test]
     fn tangents_follow_the_transform_of_the_texture() {
         let tangent = |matrix: Mat2| {
             let corner = |x: f32, y: f32| Vertex {
                 position: Vec3::new(x, y, 0.0),
-                uv: [Vec2::new(x, y); 2],
+                uv: [Vec2::new(x, 1.0 - y); 2],
                 ..Vertex::default()
             };
             let normal_texture = Some(TextureInfo { texture: 0, uv_set: 0, matrix, offset: Vec2::ZERO });
@@ -172,8 +173,8 @@ mod tests {
         };
         let near = |matrix: Mat2, expected: [f32; 4]| (tangent(matrix) - Vec4::from(expected)).length() < 1e-6;
         assert!(near(Mat2::IDENTITY, [1.0, 0.0, 0.0, 1.0]));
-        // Texture coordinates are turned: u grows downward.
-        assert!(near(Mat2::from_angle(FRAC_PI_2), [0.0, -1.0, 0.0, 1.0]));
+        // Texture coordinates are turned: u grows upward.
+        assert!(near(Mat2::from_angle(FRAC_PI_2), [0.0, 1.0, 0.0, 1.0]));
         assert!(near(Mat2::from_diagonal(Vec2::new(-2.0, 1.0)), [-1.0, 0.0, 0.0, -1.0]));
     }
 }

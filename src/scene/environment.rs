@@ -11,6 +11,9 @@ use crate::{Error, Result};
 /// overflow.
 const MAX_RADIANCE: f32 = 1e30;
 
+/// How notes on a file without lights begin. With an environment there is light.
+pub(super) const NO_LIGHT_NOTE: &str = "no light in the file";
+
 impl Scene {
     /// Sets the environment of the scene and replaces an existing one. The panorama is rotated by `rotation` degrees
     /// about +Y, counter-clockwise as seen from above like a node, and its radiance is multiplied by `strength`.
@@ -29,6 +32,7 @@ impl Scene {
         self.lights.truncate(self.placed_lights().len());
         let kind = LightKind::Environment { panorama, turn, strength };
         self.lights.push(Light { name: "environment".into(), kind });
+        self.notes.retain(|note| !note.starts_with(NO_LIGHT_NOTE));
         Ok(())
     }
 

@@ -39,7 +39,7 @@ pub(super) struct PlacedMesh<'p, 'r, 'a> {
     /// Weights of the morph targets.
     pub weights: &'p [f64],
     /// Matrices from the mesh's space to world space by joint of its skin. None: that of the node.
-    pub joints: Option<Vec<DAffine3>>,
+    pub joints: Option<Arc<[DAffine3]>>,
 }
 
 /// Which mesh instances share, and whether it is mirrored. Kernels know no transforms that mirror.
@@ -208,7 +208,8 @@ impl Geometry {
             self.vertices.push(Vertex {
                 position: Vec3::ZERO,
                 normal: shape.normals.get(i).map_or(Vec3::ZERO, |n| unit(transform.normal_matrix * *n)),
-                tangent: shape.tangents.get(i).map_or(Vec4::ZERO, |t| {
+                // Tangents without normals must be ignored (glTF 3.7.2.1).
+                tangent: shape.tangents.get(i).filter(|_| !shape.normals.is_empty()).map_or(Vec4::ZERO, |t| {
                     let tangent = unit(transform.affine.matrix3 * *t);
                     let mirrored = transform.mirrors != (primitive.tangents[i].w < 0.0);
                     let handedness = if mirrored { -1.0 } else { 1.0 };
@@ -438,7 +439,7 @@ impl Shared {
 }
 
 /// The bounding box of two.
-fn joined([lower, upper]: [DVec3; 2], [low, high]: [DVec3; 2]) -> [DVec3; 2] {
+pub(super) fn joined([lower, upper]: [DVec3; 2], [low, high]: [DVec3; 2]) -> [DVec3; 2] {
     [lower.min(low), upper.max(high)]
 }
 

@@ -12,6 +12,7 @@ use super::accessor::Accessor;
 use super::camera::CameraKind;
 use super::container::Resources;
 use super::description::Scene;
+use super::environment::NO_LIGHT_NOTE;
 use super::geometry::{Geometry, PlacedMesh, PlacedMeshLight};
 use super::images::Encoded;
 use super::import_options::ImportOptions;
@@ -81,7 +82,7 @@ impl Scene {
         let root = Json::root(&value, path);
         let mut notes = Notes::default();
         let mut resources = Resources::default();
-        check_asset(&root)?;
+        check_asset(&root, &mut notes)?;
         check_extensions(&root, &mut notes)?;
 
         let buffers = accessor::read_buffers(&root, bin, &mut resources)?;
@@ -192,8 +193,17 @@ impl<'r, 'a> Document<'r, 'a> {
         });
         geometry::check_size(placed)?;
         let mut geometry = Geometry::default();
+        let mut joints_of_skins: Vec<Option<Arc<[DAffine3]>>> = vec![None; self.skins.len()];
         for (i, node, of_node, mesh) in meshes().filter(|(_, _, _, mesh)| !mesh.primitives.is_empty()) {
-            let joints = of_node.skin.map(|skin| self.joints(skin, node, mesh)).transpose()?;
+            let joints = match of_node.skin {
+                None => None,
+                Some(skin) => {
+                    self.check_influences(skin, node, mesh)?;
+                    let known = joints_of_skins[skin].take();
+                    let joints = known.map_or_else(|| self.skins[skin].matrices(&self.nodes), Ok)?;
+                    joints_of_skins[skin].insert(joints).clone().into()
+                }
+            };
             let weights = of_node.weights(mesh);
             let shared = of_node.mesh.filter(|mesh| repeats.instances_at(node.index, *mesh) > 0);
             let mut add = |placed: PlacedMesh| match shared {
@@ -244,16 +254,15 @@ impl<'r, 'a> Document<'r, 'a> {
         Ok(repeats)
     }
 
-    /// The matrices of the joints of a skin, for a mesh at a node.
-    fn joints(&self, skin: usize, node: &Node, mesh: &Mesh) -> Result<Vec<DAffine3>> {
-        let skin = &self.skins[skin];
+    /// Checks that a skin can move a mesh at a node.
+    fn check_influences(&self, skin: usize, node: &Node, mesh: &Mesh) -> Result<()> {
         for primitive in &mesh.primitives {
             match &primitive.influences {
-                Some(influences) => influences.check(skin.joint_count(), node.index)?,
+                Some(influences) => influences.check(self.skins[skin].joint_count(), node.index)?,
                 None => return Err(node.json.error("has a skin, but a primitive of its mesh has no JOINTS_0")),
             }
         }
-        skin.matrices(&self.nodes)
+        Ok(())
     }
 
     fn has_punctual_light(&self) -> bool {
@@ -286,14 +295,20 @@ impl<'r, 'a> Document<'r, 'a> {
     }
 }
 
-fn check_asset(root: &Json) -> Result<()> {
+fn check_asset(root: &Json, notes: &mut Notes) -> Result<()> {
     let version = root.require("asset")?.require("version")?;
     let text = version.string()?;
     let is_number = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
-    match text.split_once('.') {
-        Some(("2", minor)) if is_number(minor) => Ok(()),
-        _ => Err(version.error(format!("glTF version `{text}`, only 2.x is supported"))),
+    if !text.split_once('.').is_some_and(|(major, minor)| major == "2" && is_number(minor)) {
+        return Err(version.error(format!("glTF version `{text}`, only 2.x is supported")));
     }
+    // A later version 2.x renders as 2.0 does, unless the file says that it does not.
+    if let Some(needed) = root.require("asset")?.get("minVersion")?
+        && needed.string()? != "2.0"
+    {
+        notes.push(format!("the file needs glTF version {}: only what 2.0 has is rendered", needed.string()?));
+    }
+    Ok(())
 }
 
 fn check_extensions(root: &Json, notes: &mut Notes) -> Result<()> {
@@ -389,6 +404,7 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, default_light: bool, n
         "primitives have morph targets of attributes that they lack or that are not supported, which stay",
     );
     note(skipped.uneven, "primitives have weights of joints whose sum is not 1: they are divided by it");
+    note(skipped.without_coordinates, "primitives lack coordinates of their textures, which are read at 0, 0");
     note(skipped.points_and_lines, "primitives are points or lines and are left out");
     note(skipped.without_positions, "primitives have no positions and are left out");
     note(skipped.not_finite, "primitives have numbers that are not finite and are left out");
@@ -396,10 +412,11 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, default_light: bool, n
         notes.push("no camera in the file");
     }
     if scene.lights.is_empty() {
-        notes.push(match default_light {
-            true => "no light in the file, and nothing that one would light",
-            false => "no light in the file: `default_light` adds one",
-        });
+        let rest = match default_light {
+            true => ", and nothing that one would light",
+            false => ": `default_light` adds one",
+        };
+        notes.push(format!("{NO_LIGHT_NOTE}{rest}"));
     }
     Ok(())
 }

@@ -7,17 +7,19 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::geometry::{Geometry, Parts};
+use super::geometry::{Geometry, Parts, joined};
 use super::material::{Material, Medium};
 use super::notes::Notes;
 use super::triangle::Triangle;
+use crate::bvh::{Aabb, BoxTree};
 
 /// Maximum number of triangles that are tested for crossings: some seconds.
-const MAX_TESTS: usize = 2_000_000_000;
+const MAX_TESTS: u64 = 2_000_000_000;
 
 /// Directions of the rays that count crossings, which are along no edges of usual models. The majority decides, so that
 /// a ray through an edge does no harm.
@@ -44,15 +46,26 @@ pub(super) fn immerse(geometry: &mut Geometry, materials: &mut Vec<Material>, no
     let parts: Vec<Part> = ranges.par_iter().filter_map(|range| Part::new(range, world, triangles)).collect();
     let mut vessels: Vec<&Part> = parts.iter().filter(|part| is_vessel(&materials[part.material as usize])).collect();
     vessels.sort_by(|a, b| a.size().total_cmp(&b.size()));
+    let to_unit = to_unit_box(&vessels);
+    let tree = BoxTree::new(vessels.par_iter().map(|vessel| vessel.unit_bounds(&to_unit)));
+    let tests = |part: &Part| (part.triangles.len() * POINTS * DIRECTIONS.len()) as u64;
+    let all_tests = AtomicU64::new(0);
+    // From the smallest.
     let candidates = |part: &Part| -> Vec<&Part> {
         let lamp = materials[part.material as usize].emissive != Vec3::ZERO;
-        vessels.iter().filter(|vessel| !lamp && vessel.may_enclose(part)).copied().collect()
+        if lamp || all_tests.load(Ordering::Relaxed) > MAX_TESTS {
+            return Vec::new();
+        }
+        let bounds = part.unit_bounds(&to_unit);
+        let contains = |outer: Aabb| outer.min.cmple(bounds.min).all() && outer.max.cmpge(bounds.max).all();
+        let mut found: Vec<usize> = tree.entered(|outer| contains(outer).then_some(0.0)).iter().map(|f| f.1).collect();
+        found.sort_unstable();
+        let around: Vec<&Part> = found.iter().map(|i| vessels[*i]).filter(|vessel| vessel.may_enclose(part)).collect();
+        all_tests.fetch_add(around.iter().map(|vessel| tests(vessel)).sum(), Ordering::Relaxed);
+        around
     };
     let pairs: Vec<(&Part, Vec<&Part>)> = parts.par_iter().map(|part| (part, candidates(part))).collect();
-    let tests = |part: &Part| part.triangles.len().saturating_mul(POINTS * DIRECTIONS.len());
-    if pairs.iter().flat_map(|(_, vessels)| vessels).map(|vessel| tests(vessel)).fold(0, usize::saturating_add)
-        > MAX_TESTS
-    {
+    if all_tests.into_inner() > MAX_TESTS {
         notes.push("too many objects may lie in volumes of others: all of them count as lying in air");
         return;
     }
@@ -85,6 +98,12 @@ impl Part {
         (self.bounds[1] - self.bounds[0]).length()
     }
 
+    /// Its bounding box in f32, of coordinates that `to_unit` brings into a range where these are finite. Rounding
+    /// keeps the order of numbers: what is within a box stays there.
+    fn unit_bounds(&self, to_unit: &impl Fn(DVec3) -> DVec3) -> Aabb {
+        Aabb::of(self.bounds.map(|corner| to_unit(corner).as_vec3()))
+    }
+
     /// Whether the other's bounding box is within its own, which is larger.
     fn may_enclose(&self, other: &Part) -> bool {
         let within = self.bounds[0].cmple(other.bounds[0]).all() && self.bounds[1].cmpge(other.bounds[1]).all();
@@ -107,6 +126,13 @@ impl Part {
         let points = (0..POINTS).filter(|i| inside(middle(i * (count - 1) / (POINTS - 1))));
         2 * points.count() > POINTS
     }
+}
+
+/// Maps the box around all vessels to the unit box. Halves are subtracted, because sums may overflow.
+fn to_unit_box(vessels: &[&Part]) -> impl Fn(DVec3) -> DVec3 + Sync + use<> {
+    let [low, high] = vessels.iter().map(|vessel| vessel.bounds).reduce(joined).unwrap_or_default();
+    let extent = (0.5 * high - 0.5 * low).max(DVec3::splat(f64::MIN_POSITIVE));
+    move |point| (0.5 * point - 0.5 * low) / extent
 }
 
 /// Whether the ray crosses the triangle (Moller and Trumbore 1997).

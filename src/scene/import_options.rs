@@ -15,8 +15,9 @@
 pub struct ImportOptions {
     /// Add a soft area light above and before the scene (+Z) if the file has no light.
     pub default_light: bool,
-    /// Skip primitives with NaN or infinite numbers, and textures whose image is missing or damaged, instead of
-    /// refusing the file. Each leaves a note. A surface without its emissive texture does not emit.
+    /// Skip primitives with NaN or infinite numbers, and textures whose image is missing or damaged, and read textures
+    /// at 0, 0 where a primitive lacks coordinates, instead of refusing the file. Each leaves a note. A surface without
+    /// its emissive texture does not emit.
     pub lenient: bool,
     /// The animation that [`time`](Self::time) is of, by name or index. None: the first of the file.
     pub animation: Option<String>,

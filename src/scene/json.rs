@@ -13,6 +13,12 @@ const MAX_VALUES: usize = 1 << 23;
 
 /// Parses a document. The error is one line.
 pub(super) fn parse(text: &[u8]) -> std::result::Result<Value, String> {
+    if text.starts_with(b"\xef\xbb\xbf") {
+        return Err("begins with a byte order mark, which glTF forbids: save it as UTF-8 without one".into());
+    }
+    if !text.trim_ascii_start().starts_with(b"{") {
+        return Err("no glTF: JSON in UTF-8 is expected, which begins with {".into());
+    }
     if values(text) > MAX_VALUES {
         return Err(format!("has more than {MAX_VALUES} JSON values"));
     }

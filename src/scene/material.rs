@@ -64,7 +64,7 @@ macro_rules! material {
             pub normal_scale: f32,
             /// Alpha mode.
             pub alpha: AlphaMode,
-            /// Both faces are shaded, emit and store photons.
+            /// Both faces emit light and store photons. Without it only the front does; both are shaded in either case.
             pub double_sided: bool,
             /// KHR_materials_unlit: shown as its base colour, casts shadows, reflects and emits nothing.
             pub unlit: bool,

@@ -48,6 +48,8 @@ pub(super) struct Skipped {
     pub partly_morphed: usize,
     /// Weights of joints have a sum that is not 1.
     pub uneven: usize,
+    /// Textures have no coordinates, which a lenient import accepts.
+    pub without_coordinates: usize,
 }
 
 /// Reads the primitives of each mesh.
@@ -167,9 +169,13 @@ impl<'r, 'a> Reader<'_, 'r, 'a> {
         self.skipped.uneven += usize::from(influences.as_ref().is_some_and(Influences::is_uneven));
         let mut textures = material.into_iter().flat_map(|m| self.materials[m].texture_infos());
         if let Some(texture) = textures.find(|texture| uvs[texture.uv_set as usize].is_empty()) {
-            // A variant may give the material.
-            let problem = format!("the textures of its material need TEXCOORD_{}, which it lacks", texture.uv_set);
-            return Err(json.error(problem));
+            if !self.lenient {
+                // A variant may give the material.
+                let set = texture.uv_set;
+                let problem = format!("the textures of its material need TEXCOORD_{set}, which it lacks");
+                return Err(json.error(problem + "; `lenient` import reads them at 0, 0"));
+            }
+            self.skipped.without_coordinates += 1;
         }
         let triangles = assemble(mode, &corners);
         if triangles.is_empty() {

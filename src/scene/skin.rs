@@ -1,5 +1,7 @@
 //! Skins: meshes that joints deform (glTF 3.7.3).
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::accessor::{Accessor, Component};
@@ -66,7 +68,7 @@ impl Skin<'_, '_> {
 
     /// The matrices from the mesh's own space to world space, by joint. `nodes` are those of the rendered scene, in the
     /// order of the file.
-    pub fn matrices(&self, nodes: &[Node]) -> Result<Vec<DAffine3>> {
+    pub fn matrices(&self, nodes: &[Node]) -> Result<Arc<[DAffine3]>> {
         let inverse_bind = self.inverse_bind()?;
         let matrix = |(i, joint): (usize, &usize)| {
             let node = nodes.binary_search_by_key(joint, |node| node.index);

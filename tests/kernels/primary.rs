@@ -714,7 +714,8 @@ fn tiles_and_layers_are_the_whole(gpu: &Gpu) {
 }
 
 /// A normal map in its tangent frame, metallic and roughness from a texture, and a base colour from the second set of
-/// texture coordinates: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3).
+/// texture coordinates: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3). The tangent is the file's, or that of
+/// an upright image: its v runs down, and the green of a normal map points up.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs(gpu: &Gpu) {
     let info = |texture, uv_set| Some(TextureInfo { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
@@ -741,25 +742,33 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs(gpu: &Gpu) {
     let texture = |image, space| Texture { image, wrap: [Wrap::Clamp; 2], filter: Filter::Nearest, space };
     scene.textures =
         vec![texture(0, ColourSpace::Srgb), texture(1, ColourSpace::Linear), texture(2, ColourSpace::Linear)];
-    let tangent = Vec4::new(0.6, 0.8, 0.0, -1.0);
-    for vertex in Arc::make_mut(&mut scene.vertices) {
-        vertex.uv = [Vec2::new(0.2, 0.5), Vec2::new(0.8, 0.5)];
-        vertex.tangent = tangent;
+    let stated = Vec4::new(0.6, 0.8, 0.0, -1.0);
+    for (stated, tangent) in [(stated, stated), (Vec4::ZERO, Vec4::new(1.0, 0.0, 0.0, 1.0))] {
+        let mut scene = scene.clone();
+        for vertex in Arc::make_mut(&mut scene.vertices) {
+            let upright = 0.1 * Vec2::new(vertex.position.x, -vertex.position.y);
+            vertex.uv = [Vec2::new(0.2, 0.5) + upright, Vec2::new(0.8, 0.5)];
+            vertex.tangent = stated;
+        }
+        let view = camera(DVec3::new(0.0, 0.0, 1.0), DVec3::NEG_Z, 0.5);
+        let stage = Stage::new(gpu, scene, &view, [1, 1], Technique::TWO_PASS, |features| features);
+        for feature in [Feature::Glossy, Feature::Uv1, Feature::NormalMaps, Feature::Textures] {
+            assert!(stage.features.has(feature), "{feature:?}");
+        }
+        let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
+        let buffers = TileBuffers::new(gpu, &stage.features, 1, false).unwrap();
+        let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();
+        let mut frame = gpu.frame("test");
+        bound.record(&mut frame, &Tile { centred: 1, ..whole([1, 1], 1) });
+        frame.submit().unwrap();
+        let packed: Vec<[u32; 4]> = gpu.read(&buffers.surfaces.buffer, 3).unwrap();
+        assert_surface(&packed, &material, tangent);
     }
-    let view = camera(DVec3::new(0.0, 0.0, 1.0), DVec3::NEG_Z, 0.5);
-    let stage = Stage::new(gpu, scene, &view, [1, 1], Technique::TWO_PASS, |features| features);
-    for feature in [Feature::Glossy, Feature::Uv1, Feature::NormalMaps, Feature::Textures] {
-        assert!(stage.features.has(feature), "{feature:?}");
-    }
-    let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
-    let buffers = TileBuffers::new(gpu, &stage.features, 1, false).unwrap();
-    let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();
-    let mut frame = gpu.frame("test");
-    bound.record(&mut frame, &Tile { centred: 1, ..whole([1, 1], 1) });
-    frame.submit().unwrap();
-    let packed: Vec<[u32; 4]> = gpu.read(&buffers.surfaces.buffer, 3).unwrap();
-    let [a, b, c] = [0, 1, 2].map(|i| Vec4::from_array(packed[i].map(f32::from_bits)).as_dvec4());
+}
 
+/// Checks a surface that the test above shades, whose shading frame has the `tangent`.
+fn assert_surface(packed: &[[u32; 4]], material: &Material, tangent: Vec4) {
+    let [a, b, c] = [0, 1, 2].map(|i| Vec4::from_array(packed[i].map(f32::from_bits)).as_dvec4());
     let m = |x: f32| f64::from(x);
     let base = material.base_colour.truncate().as_dvec3();
     let (roughness, metallic) = (m(material.roughness) * 100.0 / 255.0, m(material.metallic) * 150.0 / 255.0);
@@ -779,9 +788,11 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs(gpu: &Gpu) {
         (texel.x * scale * tangent + texel.y * scale * bitangent + texel.z * DVec3::Z).normalize()
     };
     let got = oct_decode(packed[0][3], 16);
-    let scale = m(material.normal_scale);
-    assert!((got - normal(scale, -1.0)).abs().max_element() < NORMAL, "normal {got}, expected {}", normal(scale, -1.0));
-    for (fault, wrong) in [("scale", normal(1.0, -1.0)), ("handedness", normal(scale, 1.0)), ("none", DVec3::Z)] {
+    let (scale, handedness) = (m(material.normal_scale), m(tangent.w));
+    let expected = normal(scale, handedness);
+    assert!((got - expected).abs().max_element() < NORMAL, "normal {got}, expected {expected}");
+    let faults = [("scale", normal(1.0, handedness)), ("handedness", normal(scale, -handedness)), ("none", DVec3::Z)];
+    for (fault, wrong) in faults {
         assert!((got - wrong).abs().max_element() > 100.0 * NORMAL, "the test does not see the fault {fault}");
     }
 }

@@ -94,6 +94,7 @@ fn structure() {
     };
     const POSITION: &str = "/meshes/0/primitives/0/attributes/POSITION";
     const MANY: u64 = u64::MAX;
+    assert_eq!(refused(&|f| f.json["asset"]["version"] = json!("1.0")), "/asset/version");
     // Ranges, counts and strides, some of which overflow.
     assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(4)), "/accessors/0");
     assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(0)), "/accessors/0/count");
@@ -315,6 +316,28 @@ fn numbers_that_are_not_finite() {
         assert_eq!(scene.triangles.len(), 1);
         assert!(scene.notes.iter().any(|n| n.contains("not finite")), "{:?}", scene.notes);
     }
+}
+
+/// A texture without coordinates refuses a file, unless the import is lenient: then its first texel is everywhere.
+#[test]
+fn textures_without_coordinates() {
+    let mut file = File::triangle();
+    let view = file.view(&png(1, 1, &[[255, 0, 0, 255]]));
+    file.add("images", json!({ "bufferView": view, "mimeType": "image/png" }));
+    file.add("textures", json!({ "source": 0 }));
+    file.add("materials", json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }));
+    file.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    assert_eq!(refused_at(&file), "/meshes/0/primitives/0");
+    let scene = file.load_with(&ImportOptions { lenient: true, ..Default::default() }).unwrap();
+    assert!(scene.vertices.iter().all(|vertex| vertex.uv[0].length() == 0.0) && scene.triangles.len() == 1);
+    assert!(scene.notes.iter().any(|note| note.contains("1 primitives lack coordinates")), "{:?}", scene.notes);
+}
+
+#[test]
+fn later_versions_are_noted() {
+    let mut file = File::triangle();
+    file.json["asset"] = json!({ "version": "2.1", "minVersion": "2.1" });
+    assert!(file.load().notes.iter().any(|note| note.contains("needs glTF version 2.1")));
 }
 
 #[test]

@@ -158,11 +158,16 @@ fn shading_normals_stay_on_the_front() {
 fn tangents_follow_the_surface_and_a_mirror_flips_their_handedness() {
     let mut file = File::new();
     let tangents = file.floats(&[[1., 0., 0., 1.], [1., 0., 0., 1.], [0., 1., 0., -1.]]);
-    file.mesh(&[[0., 0., 0.], [4., 0., 0.], [0., 2., 0.]], json!({ "attributes": { "TANGENT": tangents } }));
+    let attributes = json!({ "NORMAL": file.floats(&[[0f32, 0., 1.]; 3]), "TANGENT": tangents });
+    file.mesh(&[[0., 0., 0.], [4., 0., 0.], [0., 2., 0.]], json!({ "attributes": attributes }));
     file.json["nodes"][0]["scale"] = json!([-3, 1, 1]);
     let tangents: Vec<Vec4> = file.load().vertices.iter().map(|v| v.tangent).collect();
     // Vertices are in the order of their first use, which the mirror reverses.
     assert_eq!(tangents, [Vec4::new(-1., 0., 0., -1.), Vec4::new(0., 1., 0., 1.), Vec4::new(-1., 0., 0., -1.)]);
+    // Without normals they must be ignored (glTF 3.7.2.1).
+    let attributes = file.json["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap();
+    attributes.remove("NORMAL");
+    assert!(file.load().vertices.iter().all(|vertex| vertex.tangent == Vec4::ZERO));
 }
 
 #[test]

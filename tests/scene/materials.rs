@@ -458,6 +458,32 @@ fn volumes_within_volumes() {
     assert!(open.load().materials.iter().all(|material| material.medium.is_none()));
 }
 
+/// Of many volumes each is found by what lies in it: stones in every other one of 216 drops, and beside the others.
+#[test]
+fn stones_lie_in_their_own_drops() {
+    let mut file = File::new();
+    let stone = file.add("materials", json!({}));
+    let ior = |drop: usize| 1.25 + drop as f32 / 256.0;
+    for drop in 0..216 {
+        let glass = json!({ "extensions": {
+            "KHR_materials_ior": { "ior": ior(drop) },
+            "KHR_materials_transmission": { "transmissionFactor": 1 },
+            "KHR_materials_volume": { "thicknessFactor": 1 },
+        } });
+        let glass = file.add("materials", glass);
+        let centre = [drop % 6, drop / 6 % 6, drop / 36].map(|i| 3.0 * i as f32);
+        file.mesh(&cube(centre, 1.0), json!({ "material": glass }));
+        let beside = if drop % 2 == 0 { 0.0 } else { 1.5 };
+        file.mesh(&cube([centre[0] + beside, centre[1], centre[2]], 0.25), json!({ "material": stone }));
+    }
+    let scene = file.load();
+    for drop in 0..216 {
+        let material = &scene.materials[scene.triangles[24 * drop + 12].material as usize];
+        let expected = if drop % 2 == 0 { Some(ior(drop)) } else { None };
+        assert_eq!(material.medium.map(|medium| medium.ior), expected, "drop {drop}");
+    }
+}
+
 /// More texels than devices take: the largest image has half of its width and height, and a note says so. Beyond 2^31
 /// texels a file is refused before anything is decoded.
 #[test]

@@ -117,8 +117,9 @@ pub struct SceneOptions {
     #[arg(long, help_heading = "Scene")]
     default_light: bool,
 
-    /// Drop primitives with NaN or infinite numbers, and textures whose image is missing or damaged, instead of
-    /// refusing the file; set texels of a panorama that are not finite to 0
+    /// Drop primitives with NaN or infinite numbers, and textures whose image is missing or damaged, and read textures
+    /// at 0, 0 where a primitive lacks coordinates, instead of refusing the file; set texels of a panorama that are not
+    /// finite to 0
     #[arg(long, help_heading = "Scene")]
     lenient: bool,
 

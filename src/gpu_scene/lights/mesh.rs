@@ -10,7 +10,7 @@ use super::emitter::{ConvexLamp, is_convex, partners};
 use super::layout::{self, EMITTER_TEXELS, Emission, LightInfo, Packed, bits, texels};
 use crate::gpu_scene::bounds::bounding_sphere;
 use crate::gpu_scene::receivers::{ReceiverBounds, ReceiverCone};
-use crate::scene::{AlphaMode, EmitterTriangle, Light, Material, Scene};
+use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, Scene};
 use crate::specialisation::lights::{has_many_emitters, is_closed_mesh};
 
 /// Numbers of triangles for which a light gets views. With fewer, it is enough to exclude triangles that face away;
@@ -26,10 +26,16 @@ const VIEW_SIDES: RangeInclusive<u32> = 16..=48;
 /// Bytes of the views of all lights, unless the fewest take more. 3 MB take some 15 ms while kernels compile.
 const VIEW_BYTES: usize = 8 << 20;
 
+/// Bytes of the fewest views of all lights beyond which none gets any, and power chooses their triangles: 64 lamps of
+/// 1,000 triangles take as many. A street of 1,500 such lamps would need more than a buffer of many devices holds.
+const MAX_VIEW_BYTES: usize = 64 << 20;
+
 /// The data of mesh lights besides their texels in the table of lights.
 pub(super) struct MeshTexels {
     /// Number of lights of many triangles, which may share [`VIEW_BYTES`].
     lamps: usize,
+    /// Whether the views of all lights fit into [`MAX_VIEW_BYTES`].
+    may_view: bool,
     /// Emitter triangles, [`EMITTER_TEXELS`] each.
     pub emitters: Vec<[u32; 4]>,
     /// For each emitter triangle, its primitive index, its light, and its index among the emitter triangles.
@@ -42,7 +48,14 @@ impl MeshTexels {
     /// Room for the lights of a scene.
     pub fn new(lights: &[Light]) -> MeshTexels {
         let lamps = lights.iter().filter(|light| has_many_emitters(light)).count();
-        MeshTexels { lamps, emitters: Vec::new(), primitives: Vec::new(), vertices: Vec::new() }
+        let fewest = |light: &Light| match &light.kind {
+            LightKind::Mesh { emitters, .. } if VIEWED_TRIANGLES.contains(&emitters.len()) => {
+                (VIEW_SIDES.start() * VIEW_SIDES.start()) as usize * bytes_of_cell(emitters.len())
+            }
+            _ => 0,
+        };
+        let may_view = lights.iter().map(fewest).sum::<usize>() <= MAX_VIEW_BYTES;
+        MeshTexels { lamps, may_view, emitters: Vec::new(), primitives: Vec::new(), vertices: Vec::new() }
     }
 }
 
@@ -80,7 +93,10 @@ impl MeshLight<'_> {
             let [a, b, c] = *triangle;
             cumulative += self.powers[i];
             // Kernels compare with the rounded cumulative probabilities, so each probability is a difference of these.
-            let end = if i + 1 == self.emitters.len() { 1.0 } else { (cumulative / self.total) as f32 };
+            let rounded = (cumulative / self.total) as f32;
+            // Of millions of triangles many have less than an ULP: without one they would give no light.
+            let least = if self.powers[i] > 0.0 { below.next_up().min(1.0) } else { below };
+            let end = if i + 1 == self.emitters.len() { 1.0 } else { rounded.max(least) };
             let density = f64::from(end - below) / area(triangle);
             tables.primitives.push([emitter.triangle, light, first + i as u32, 0]);
             tables.emitters.extend([
@@ -101,7 +117,8 @@ impl MeshLight<'_> {
         (centre, radius): (Vec3, f32),
         receivers: Option<ReceiverBounds>,
     ) -> Option<u32> {
-        let viewed = is_closed_mesh(&self.triangles, self.material.double_sided)
+        let viewed = tables.may_view
+            && is_closed_mesh(&self.triangles, self.material.double_sided)
             && VIEWED_TRIANGLES.contains(&self.emitters.len())
             && is_convex(&self.triangles, f64::from(radius));
         viewed.then(|| {
@@ -133,9 +150,13 @@ impl MeshLight<'_> {
 /// Cells a side of the views of a light with so many triangles, one of so many `lamps`. It is even; see
 /// [`ConvexLamp::cumulative_views`].
 fn view_side(triangles: usize, lamps: usize) -> u32 {
-    let bytes_of_cell = triangles.div_ceil(4) * size_of::<[f32; 4]>();
-    let cells = VIEW_BYTES / lamps / bytes_of_cell;
+    let cells = VIEW_BYTES / lamps / bytes_of_cell(triangles);
     (cells.isqrt() as u32 / 2 * 2).clamp(*VIEW_SIDES.start(), *VIEW_SIDES.end())
+}
+
+/// Bytes of a cell of the views of a light with so many triangles.
+fn bytes_of_cell(triangles: usize) -> usize {
+    triangles.div_ceil(4) * size_of::<[f32; 4]>()
 }
 
 fn area([a, b, c]: &[Vec3; 3]) -> f64 {
@@ -203,5 +224,20 @@ pub(super) fn pack(
             centre,
             radius,
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 64 lamps of 1,000 triangles get views, and of 66 none does.
+    #[test]
+    fn views_of_many_lamps_are_left_out() {
+        let emitter = EmitterTriangle { triangle: 0, radiance: Vec3::ONE };
+        let mesh = || LightKind::Mesh { material: 0, emitters: vec![emitter; 1000] };
+        let lamp = || Light { name: String::new(), kind: mesh() };
+        let may_view = |count: usize| MeshTexels::new(&vec![lamp(); count]).may_view;
+        assert!(may_view(64) && !may_view(66));
     }
 }
