@@ -12,7 +12,6 @@ use crate::passes::zones::{ZoneTable, Zones, zone_shape};
 use crate::settings::Settings;
 use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::kernels::{photons_of_zones, sorting_grid};
-use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
 /// Number of rays of all lights together for zones.
@@ -121,7 +120,7 @@ fn zone_table(
     let rays = settings.photons_per_light().min(ZONE_RAYS / lights).clamp(1, RAYS_PER_LIGHT);
     let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, 0)?;
     totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
-    totals.count(Counter::Overrun, traced.overruns);
+    totals.photon_overruns += traced.overruns;
     totals.photons = photons_by_light(scene, &traced);
     let (bounds, area) = extent(scene);
     let shape = zone_shape(bounds, area, traced.count, lights);

@@ -10,7 +10,6 @@ use crate::passes::photons::Photons;
 use crate::passes::shadow::Repairs;
 use crate::settings::Settings;
 use crate::specialisation::features::Features;
-use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
 /// Maximum number of photons that audits add between two sortings of the map. One in 64 points is audited, and a few in
@@ -108,7 +107,7 @@ impl VisibilityMap {
         let rays = settings.photons_of_light(lights as usize);
         let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, REPAIR_ROOM)?;
         totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
-        totals.count(Counter::Overrun, traced.overruns);
+        totals.photon_overruns += traced.overruns;
         totals.photons = photons_by_light(scene, &traced);
         let (bounds, area) = extent(scene);
         let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.visibility_map.nearest);

@@ -176,7 +176,7 @@ bindings! {
 pub struct SampledPixels {
     /// Their indices among the pixels of the tile's rows.
     pub list: Buffer,
-    /// For each pixel of the rows its index in the list, or [`NOT_SAMPLED`].
+    /// For each pixel of the rows, and of one below, its index in the list, or [`NOT_SAMPLED`].
     list_indices: Buffer,
 }
 
@@ -194,9 +194,11 @@ impl SampledPixels {
         Ok(sampled)
     }
 
-    /// Lists these pixels of a tile of `pixels` pixels.
-    pub fn set(&self, gpu: &Gpu, list: &[u32], pixels: usize) {
-        let mut indices = vec![NOT_SAMPLED; pixels];
+    /// Lists these pixels of a tile of `rows` rows of `columns` pixels.
+    pub fn set(&self, gpu: &Gpu, list: &[u32], [columns, rows]: [usize; 2]) {
+        // Kernels look for neighbours by the room that there is, which may be more than the tile has rows.
+        let room = (self.list_indices.bytes / 4) as usize;
+        let mut indices = vec![NOT_SAMPLED; room.min(columns * (rows + 1))];
         list.iter().zip(0..).for_each(|(pixel, index)| indices[*pixel as usize] = index);
         gpu.write(&self.list, list);
         gpu.write(&self.list_indices, &indices);
@@ -205,7 +207,7 @@ impl SampledPixels {
     /// Lists all pixels.
     pub fn set_all(&self, gpu: &Gpu) {
         let pixels = (self.list.bytes / 4) as usize;
-        self.set(gpu, &(0..pixels as u32).collect::<Vec<_>>(), pixels);
+        self.set(gpu, &(0..pixels as u32).collect::<Vec<_>>(), [pixels, 1]);
     }
 }
 

@@ -44,7 +44,7 @@ pub(super) fn conditioning(totals: &Totals) -> Conditioning {
         unknown: totals.mapped_unknown,
         min_radius_records: totals.min_radius_records,
         heavy_paths: count(Counter::HeavyPaths),
-        overruns: count(Counter::Overrun),
+        overruns: count(Counter::Overrun) + totals.photon_overruns,
         procedural_overruns: count(Counter::ProceduralOverruns),
         procedural_invalid: count(Counter::ProceduralInvalid),
         mean_bounces: totals.mean_bounces().round() as u64,
@@ -134,7 +134,7 @@ fn path_warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
             count: overruns,
             text: format!(
                 "{overruns} rays met more geometry than the device's loop budget of 65,535 iterations allows, and \
-                 their samples are left out of the image: remove overlapping layers, or choose another device"
+                 their samples and photons are left out: remove overlapping layers, or choose another device"
             ),
         },
     ];

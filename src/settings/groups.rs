@@ -250,8 +250,9 @@ impl Default for LightSamplingSettings {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct IndirectSettings {
-    /// Maximum number of bounces of indirect light; 0 for direct light alone. A gather ray that hits a surface too near
-    /// continues for one bounce: with irradiance records and two bounces, a room has about 0.2 % of the light of a
+    /// Maximum number of bounces of indirect light; 0 for direct light alone. Mirrors and clear glass before the first
+    /// other surface that a camera ray meets are no bounces, except with `path`. A gather ray that hits a surface too
+    /// near continues for one bounce: with irradiance records and two bounces, a room has about 0.2 % of the light of a
     /// third.
     pub max_bounces: u32,
     /// Photons emitted for the global map, from all lights together and by their power: 1 to [`Settings::MAX_PHOTONS`].

@@ -48,6 +48,9 @@ pub(crate) struct Totals {
     /// Points that queried the visibility map, and those among them that found too few photons.
     pub mapped_points: u64,
     pub mapped_unknown: u64,
+    /// Rays of visibility photons that reached the loop limit and stored nothing. Points without photons trace shadow
+    /// rays, so the image is right.
+    pub photon_overruns: u64,
     pub devices_lost: u64,
     pub bvh_depth: u32,
     pub time_bvh: f64,

@@ -75,7 +75,9 @@ impl<'a> Setup<'a> {
         let mut tile = TileBuffers::new(gpu, &features, self.tile.point_count, false).unwrap();
         tile.points = published(gpu, "test/points", self.points);
         if let (Some(sampled), Some(list)) = (&tile.sampled_pixels, &self.listed) {
-            sampled.set(gpu, list, self.tile.point_count as usize);
+            // As after a tile of more rows.
+            sampled.set_all(gpu);
+            sampled.set(gpu, list, [self.tile.columns, self.tile.height].map(|n| n as usize));
         }
         let grid = Grid::new(gpu, &features, self.nearest)
             .unwrap()

@@ -216,7 +216,8 @@ impl SettingsOptions {
 #[derive(Args)]
 #[command(next_help_heading = "Indirect light")]
 struct IndirectOptions {
-    /// Maximum number of bounces of indirect light; 0 for direct light only
+    /// Maximum number of bounces of indirect light; 0 for direct light only. Mirrors and clear glass before the first
+    /// other surface are no bounces, except with --technique path
     #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.max_bounces)]
     max_bounces: u32,
 
