@@ -31,7 +31,8 @@ pub struct Arguments {
     partial: bool,
 
     /// Remove noise, as `penumbra render --denoise` does, from pieces that were rendered with --denoise: the .png shows
-    /// the result, the .exr has it beside the raw image
+    /// the result, the .exr has it beside the raw image [default: auto if an output is .png and the pieces were
+    /// rendered with --denoise, else none]
     #[arg(long, value_name = "DENOISER", value_parser = denoisers(), conflicts_with = "partial")]
     denoise: Option<Denoise>,
 
@@ -67,9 +68,11 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         }
         say(format_args!("note: {parts} are in no piece"));
     }
-    let image = match arguments.denoise {
-        None | Some(Denoise::None) => pieces.merge()?,
-        Some(denoise) => {
+    let shows = arguments.output.iter().any(|path| !is_exr(path));
+    let default = if shows && missing.is_empty() && pieces.have_guides() { Denoise::Auto } else { Denoise::None };
+    let image = match arguments.denoise.unwrap_or(default) {
+        Denoise::None => pieces.merge()?,
+        denoise => {
             let denoiser = arguments.oidn.denoiser(denoise)?;
             pieces.merge_denoised(&arguments.device.open()?, &denoiser)?
         }

@@ -127,10 +127,9 @@ impl Display {
         self.last = (now, progress.rays);
         let message = || {
             format!(
-                "{} spp, {}{speed:.1} Mrays/s, {:.1} % boundary points",
+                "{} spp, {}{speed:.1} Mrays/s",
                 progress.samples,
-                left.map_or(String::new(), |left| format!("{} left, ", seconds(left))),
-                100.0 * progress.boundary_share
+                left.map_or(String::new(), |left| format!("{} left, ", seconds(left)))
             )
         };
         let total = elapsed + left.unwrap_or(Duration::MAX / 2);

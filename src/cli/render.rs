@@ -65,11 +65,12 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     reference: Option<PathBuf>,
 
-    /// Write a checkpoint for --resume, every minute and at the end
+    /// Write a checkpoint for --resume, every minute and at the end. Without --resume the file must not be there yet
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     checkpoint: Option<PathBuf>,
 
-    /// Continue the render that wrote the --checkpoint file; the image has the same bits as without the interruption
+    /// Continue the render that wrote the --checkpoint file, or begin it if there is no such file; the image has the
+    /// same bits as without an interruption
     #[arg(long, requires = "checkpoint", help_heading = "Output")]
     resume: bool,
 
@@ -123,8 +124,11 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let denoise = if is_piece { arguments.denoise.unwrap_or_default() } else { denoiser.choice() };
     let opened = arguments.load_and_open(denoise)?;
     let Opened { scene, camera, surroundings, mut settings, reference, mut gpu, import, start } = opened;
-    let from = arguments.checkpoint.as_ref().filter(|_| arguments.resume).map(Checkpoint::read).transpose()?;
     let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
+    let from = arguments.checkpoint.as_ref().filter(|path| path.exists()).map(Checkpoint::read).transpose()?;
+    if let Some(path) = arguments.checkpoint.as_ref().filter(|_| arguments.resume && from.is_none()) {
+        notes.say(&[format!("there is no checkpoint {} yet: the render begins", path.display())]);
+    }
     notes.say(&scene.notes);
     if let Some(problem) = &no_denoiser {
         notes.say(&[format!("{}; the image stays raw", with_flags(&problem.to_string()))]);
@@ -449,6 +453,7 @@ impl Session<'_> {
         let checkpoint = arguments.checkpoint.as_ref().map(|_| renderer.checkpoint()).transpose()?;
         let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
         self.notes.say(renderer.note_on(&image).as_slice());
+        self.notes.say(renderer.note_on_noise().as_slice());
         let start = Instant::now();
         let outcome = match failed {
             Some(problem) => Err(problem),
@@ -483,6 +488,7 @@ impl Session<'_> {
             self.say_denoised(&image, &statistics);
         }
         self.notes.say(&statistics.notes);
+        self.notes.say(arguments.note_on_exposure(&image).as_slice());
         let checkpointed = match (&arguments.checkpoint, checkpoint) {
             (Some(path), Some(checkpoint)) => written(path, || checkpoint.write(path)),
             _ => Ok(()),
@@ -593,6 +599,10 @@ impl Arguments {
             return Err(Error::Usage(problem.into()));
         }
         files.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;
+        if let Some(path) = self.checkpoint.as_ref().filter(|path| path.exists() && !self.resume) {
+            let problem = "is there already: --resume continues its render; remove it to begin another";
+            return Err(Error::Usage(format!("--checkpoint {} {problem}", path.display())));
+        }
         self.check_names(&[])
     }
 
@@ -684,6 +694,14 @@ impl Arguments {
         })
     }
 
+    /// What the user should know of a .png that is white or black for the most part.
+    fn note_on_exposure(&self, image: &Image) -> Option<String> {
+        let suggested = image.suggested_exposure(self.exposure)?;
+        let png = self.output.iter().find(|path| !is_exr(path))?;
+        let seen = if suggested < self.exposure { "white" } else { "black" };
+        Some(format!("{} is mostly {seen}: try --exposure {suggested}", png.display()))
+    }
+
     /// The files of an image, or of a frame of a sequence.
     fn files(&self, frame: Option<Frame>) -> Files {
         let name = |path: &PathBuf| frame.map_or_else(|| path.clone(), |frame| frame.file(path));
@@ -708,19 +726,19 @@ pub fn is_exr(path: &Path) -> bool {
 
 /// A summary of the render in one line.
 fn summary(statistics: &Statistics, stopped: bool) -> String {
-    let Statistics { samples, mean_samples, settings, rays, points, time, .. } = statistics;
+    let Statistics { samples, mean_samples, settings, rays, points, audits, time, .. } = statistics;
     let samples = match settings.image.noise {
         Some(_) if stopped => format!("stopped after {mean_samples:.1} (at most {samples})"),
         Some(_) => format!("{mean_samples:.1} (at most {samples})"),
         None if stopped => format!("stopped after {samples} of {}", settings.image.range().count()),
         None => samples.to_string(),
     };
-    format!(
-        "{samples} spp in {:.2} s, {:.1} Mrays/s, {:.1} % boundary points",
-        time.render,
-        mega(rays.total, time.render),
-        100.0 * points.boundary_share
-    )
+    // Where nothing but photons tells of visibility, no shadow ray is traced that others could be compared with.
+    let decided = points.lit + points.shadowed;
+    let saved = (decided > 0 && rays.shadow > 0)
+        .then(|| 100.0 * decided.saturating_sub(audits.audited) as f64 / points.total as f64)
+        .map_or(String::new(), |share| format!(", {share:.0} % of shadow rays saved"));
+    format!("{samples} spp in {:.2} s, {:.1} Mrays/s{saved}", time.render, mega(rays.total, time.render))
 }
 
 /// Notes, each printed once.

@@ -107,18 +107,18 @@ impl SequenceOptions {
         self.turntable
     }
 
-    /// Checks that the files of different frames have different names.
+    /// Checks that the files of different frames have different names, and those of a single image no placeholder.
     pub fn check_names<'p>(&self, mut paths: impl Iterator<Item = &'p PathBuf>) -> Result<()> {
         let is_sequence = self.frames.is_some() || self.turntable.is_some();
-        let same = paths.find(|path| is_sequence && !path.to_string_lossy().contains(PLACEHOLDER));
+        let Some(path) = paths.find(|path| path.to_string_lossy().contains(PLACEHOLDER) != is_sequence) else {
+            return Ok(());
+        };
         let flag = if self.turntable.is_some() { "--turntable" } else { "--frames" };
-        match same {
-            Some(path) => {
-                let file = path.display();
-                Err(Error::Usage(format!("{file}: {flag} writes many files, so its name must contain {PLACEHOLDER}")))
-            }
-            None => Ok(()),
-        }
+        let problem = match is_sequence {
+            true => format!("{flag} writes many files, so its name must contain {PLACEHOLDER}"),
+            false => format!("{PLACEHOLDER} stands for the number of a frame: add --frames or --turntable"),
+        };
+        Err(Error::Usage(format!("{}: {problem}", path.display())))
     }
 }
 

@@ -50,6 +50,14 @@ impl Renderer<'_> {
         Ok(self.blocks.as_ref().is_some_and(|blocks| !blocks.is_complete()))
     }
 
+    /// What the user should know if [`ImageSettings::noise`] was not reached: samples or time ended the render.
+    pub fn note_on_noise(&self) -> Option<String> {
+        let noise = self.settings.image.noise?;
+        let [above, all] = self.blocks.as_ref()?.above();
+        let rest = "were above it when they were last estimated";
+        (above > 0).then(|| format!("a noise of {noise:e} was not reached everywhere: {above} of {all} blocks {rest}"))
+    }
+
     /// The expected relMSE of the raw image: half the squared difference of two halves of its samples, and an upper
     /// bound on the error of wrong classes that the audits have not met yet. It does not include the error of photon
     /// maps of indirect light, which all samples share. `None` after a single sample, and for equal numbers of samples

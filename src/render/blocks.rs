@@ -52,6 +52,8 @@ pub(super) struct Blocks {
     /// Blocks that get more before the next estimate: those of equal numbers side by side, or where pixels share
     /// samples out, those that are so in the image.
     next: Vec<Next>,
+    /// Blocks whose estimated error was above the limit at the last decision.
+    above: u32,
 }
 
 /// A block that gets samples.
@@ -93,7 +95,8 @@ impl Blocks {
     fn new(image: &ImageSettings, side: u32, target: u32) -> Blocks {
         let part = image.part();
         let [columns, rows] = [part.width, part.height].map(|pixels| pixels.div_ceil(side));
-        let mut blocks = Blocks { side, columns, samples: vec![0; (columns * rows) as usize], next: Vec::new() };
+        let mut blocks =
+            Blocks { side, columns, samples: vec![0; (columns * rows) as usize], next: Vec::new(), above: 0 };
         blocks.next = blocks.in_order().map(|block| Next { block, target }).collect();
         blocks
     }
@@ -211,8 +214,9 @@ impl Blocks {
     /// `spp` samples. At least `share` of the blocks that need samples are next.
     pub fn choose(&mut self, errors: &[f64], noise: f64, spp: u32, share: f64) {
         let gain = |block: u32| errors[block as usize] / f64::from(self.samples[block as usize]);
-        let wants_more = |block: &u32| errors[*block as usize] > noise && self.samples[*block as usize] < spp;
-        let mut wanted: Vec<u32> = (0..self.samples.len() as u32).filter(wants_more).collect();
+        let mut wanted: Vec<u32> = (0..errors.len() as u32).filter(|block| errors[*block as usize] > noise).collect();
+        self.above = wanted.len() as u32;
+        wanted.retain(|block| self.samples[*block as usize] < spp);
         // Stable: equal gains remain in the order of the blocks.
         wanted.sort_by(|a, b| gain(*b).total_cmp(&gain(*a)));
         let Some(best) = wanted.first().map(|block| gain(*block)) else { return };
@@ -230,6 +234,11 @@ impl Blocks {
             batches.entry(*samples).or_default().push(block);
         }
         batches.into_iter().map(|(first_sample, blocks)| Batch { blocks, first_sample, missing: 0 })
+    }
+
+    /// The number of blocks whose estimated error was above the limit at the last decision, and of all blocks.
+    pub fn above(&self) -> [usize; 2] {
+        [self.above as usize, self.samples.len()]
     }
 
     /// Whether all blocks have the samples that were decided on.

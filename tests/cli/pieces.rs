@@ -67,7 +67,12 @@ fn merged_pieces_are_denoised() {
     let shown = file("shown.png");
     image.denoised().unwrap().write_png(&shown, penumbra::View::Neutral, 0.0).unwrap();
     assert!(fs::read(&shown).unwrap() == fs::read(&png).unwrap(), "the PNG is not the denoised image");
-    // Without it the sums are not used.
+    // By default a .png shows an image without noise, as that of a render, and an .exr has the raw image alone.
+    let [by_default, auto] = ["default.png", "auto.png"].map(file);
+    let device = format!("--device {}", device());
+    merge(&device, &[&a, &b], &by_default).assert_done();
+    merge(&format!("{device} --denoise auto"), &[&a, &b], &auto).assert_done();
+    assert!(fs::read(&by_default).unwrap() == fs::read(&auto).unwrap());
     merge("", &[&a, &b], &exr).assert_done();
     assert!(Image::read(&exr).unwrap().denoised().is_none());
     merge(&denoise, &[&a], &exr).assert_refused(3, &["samples 5..6", "are in no piece"]);

@@ -35,6 +35,23 @@ fn channels(image: &Image) -> BTreeSet<&str> {
     image.channels.iter().map(|channel| channel.name.as_str()).collect()
 }
 
+/// A summary, and notes on pictures that show little.
+#[test]
+fn a_render_says_what_it_made() {
+    let folder = folder();
+    let png = folder.path().join("a.png");
+    let said = |arguments: &str| render(&format!("--spp 2 {arguments}"), &[&png]).assert_done().stderr.clone();
+    let usual = said("--nearest 50");
+    assert!(usual.contains(" % of shadow rays saved") && !usual.contains("mostly"), "{usual}");
+    assert!(!said("--technique two-pass").contains("shadow rays saved"));
+    for (exposure, seen, back) in [(12.0, "white", -4.0..2.0), (-16.0, "black", -4.0..2.0)] {
+        let said = said(&format!("--exposure {exposure}"));
+        let (_, suggested) = said.split_once(&format!("a.png is mostly {seen}: try --exposure ")).expect(&said);
+        let suggested: f64 = suggested.lines().next().unwrap().parse().unwrap();
+        assert!(back.contains(&suggested), "{said}");
+    }
+}
+
 #[test]
 fn one_render_goes_to_several_files_by_their_extensions() {
     let folder = folder();
@@ -261,6 +278,7 @@ fn a_resumed_render_has_the_bits_of_one_that_never_stopped() {
         (STILL_LIFE, "--aov all --technique ward-adaptive --shadow-tolerance 0.5"),
     ];
     for (scene, arguments) in cases {
+        let _ = fs::remove_file(&state);
         let arguments = format!("{arguments} --spp 20 --seed 3 --audit 0.25");
         let render = |arguments: &str, output: &Path| render_scene(scene, arguments, &[output]);
         render(&arguments, &whole).assert_done();
@@ -288,6 +306,10 @@ fn checkpoints_of_something_else_are_refused() {
     let checkpoint = format!("--checkpoint {}", state.display());
     render(&format!("--spp 2 {checkpoint}"), &[&image]).assert_done();
     let good = fs::read(&state).unwrap();
+    // Nor is one overwritten by another render.
+    let other = render(&format!("--spp 2 {checkpoint}"), &[&image]);
+    other.assert_refused(2, &["--checkpoint", "state is there already", "--resume"]);
+    assert!(fs::read(&state).unwrap() == good);
     let resume = |arguments: &str| {
         let arguments = format!("render --device {} {SMALL} --quiet {checkpoint} --resume {arguments} -o", device());
         run(&arguments, &[&image, &BOX])
@@ -332,8 +354,10 @@ fn checkpoints_of_something_else_are_refused() {
         fs::write(&state, bytes).unwrap();
         resume("--spp 2").assert_refused(3, &["state", word]);
     }
+    // Where there is none, the render begins.
     fs::remove_file(&state).unwrap();
-    resume("--spp 2").assert_refused(3, &["state"]);
+    resume("--spp 2").assert_done();
+    fs::remove_file(&state).unwrap();
     // Photons that audits added (a class by one photon is sometimes wrong), with positions that are not finite and a
     // light that does not exist, which would be counted past the last.
     let audited = |arguments: &str| {
@@ -362,6 +386,7 @@ fn a_resumed_render_samples_the_same_pixels() {
         "--technique shadow-photons --noise 0.03",
         "--technique shadow-photons --sampling adaptive --spp 14",
     ] {
+        let _ = fs::remove_file(&state);
         let arguments = format!("{flags} --aov samples --stats {}", stats.display());
         render(&arguments, &[&whole]).assert_done();
         let samples = read_json(&stats)["mean_samples"].clone();
@@ -396,6 +421,7 @@ fn noise_ends_a_render_and_a_reference_is_compared_with() {
             text.split_once(before).unwrap().1.split_whitespace().next().unwrap().parse().unwrap()
         };
         let estimate = word(&answer.stderr, "estimated relMSE ");
+        assert!(!answer.stderr.contains("was not reached"), "{}", answer.stderr);
         assert!(answer.stderr.contains(" of the raw image"), "{}", answer.stderr);
         let found = word(&answer.stdout, "relMSE ");
         // The reference and the map of indirect light add errors of their own.
@@ -405,6 +431,8 @@ fn noise_ends_a_render_and_a_reference_is_compared_with() {
         let compared = run("compare", &[&image, &reference]);
         assert_eq!(answer.stdout, compared.assert_done().stdout);
     }
+    let answer = render("--noise 1e-6 --technique path --spp 9", &[&image]);
+    assert!(answer.assert_done().stderr.contains("a noise of 1e-6 was not reached everywhere: 6 of 6 blocks"));
 }
 
 #[cfg(unix)]

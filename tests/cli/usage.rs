@@ -135,6 +135,7 @@ fn wrong_usage_names_the_option() {
         ("render no-scene.glb -o x.png --time 0", "--time"),
         ("render no-scene.glb -o x.png --time -1", "--time"),
         ("render no-scene.glb -o x.png --time inf", "--time"),
+        ("render no-scene.glb -o x.{frame}.png", "add --frames or --turntable"),
         ("render no-scene.glb -o x.png --noise 0", "--noise"),
         ("render no-scene.glb -o x.png --noise 0.1 --technique visibility-estimate", "--noise"),
         ("render no-scene.glb -o x.png --noise 0.1 --audit 0", "--noise"),

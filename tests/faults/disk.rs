@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 
 use penumbra::Image;
 
-use crate::program::{Answer, BOX, device, folder, penumbra, signal};
+use crate::program::{Answer, BOX, device, folder, penumbra, run, signal};
 
 /// Fast settings: few photons, a small image.
 pub const SMALL: &str = "--width 24 --height 16 --photons 4096 --max-bounces 0";
@@ -52,10 +52,20 @@ fn a_disk_that_fills_up_keeps_the_old_files() {
     fs::write(&image, "old").unwrap();
     for other in ["--checkpoint", "--stats"] {
         let kept = folder.path().join(format!("kept{other}"));
-        fs::write(&kept, "old").unwrap();
+        let arguments = format!("--quiet --spp 1 --aov all --device {} {SMALL}", device());
+        let mut old = b"old".to_vec();
+        if other == "--checkpoint" {
+            // One of the same render, which is continued.
+            let command = format!("render {arguments} --checkpoint {}", kept.display());
+            run(&command, &[&"-o", &folder.path().join("first.exr"), &BOX]).assert_done();
+            fs::remove_file(folder.path().join("first.exr")).unwrap();
+            old = fs::read(&kept).unwrap();
+        } else {
+            fs::write(&kept, &old).unwrap();
+        }
         let mut command = Command::new("sh");
         command.args(["-c", "trap '' XFSZ; ulimit -f 2; exec \"$@\"", "sh", env!("CARGO_BIN_EXE_penumbra"), "render"]);
-        command.args(format!("--quiet --spp 1 --aov all --device {} {SMALL}", device()).split_whitespace());
+        command.args(arguments.split_whitespace()).args((other == "--checkpoint").then_some("--resume"));
         command.args([other, kept.to_str().unwrap(), "-o", image.to_str().unwrap(), BOX]);
         command.env("XDG_RUNTIME_DIR", env!("CARGO_TARGET_TMPDIR"));
         // The limit would affect Mesa's shader cache, too.
@@ -63,8 +73,8 @@ fn a_disk_that_fills_up_keeps_the_old_files() {
         // All that is lost is named; a checkpoint, too, is that of before.
         let also = format!("kept{other} is not written either");
         Answer::of(&mut command).assert_refused(3, &["a.exr", "cannot write", &also]);
-        for file in [&image, &kept] {
-            assert_eq!(fs::read_to_string(file).unwrap(), "old", "{}", file.display());
+        for (file, old) in [(&image, b"old".as_slice()), (&kept, &old)] {
+            assert!(fs::read(file).unwrap() == old, "{}", file.display());
         }
     }
     assert_eq!(names(folder.path()), ["a.exr", "kept--checkpoint", "kept--stats"]);
@@ -117,6 +127,7 @@ fn an_output_folder_may_vanish() {
     assert_eq!(names(&outputs), ["a.exr", "a.json", "state"]);
     Image::read(&image).unwrap();
 
+    fs::remove_file(outputs.join("state")).unwrap();
     let render = begin(&arguments, &[&image]);
     fs::remove_dir_all(&outputs).unwrap();
     fs::write(&outputs, "a file").unwrap();

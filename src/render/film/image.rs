@@ -89,6 +89,27 @@ impl Image {
         Some(image)
     }
 
+    /// The exposure in stops for a picture that would be mostly white or black at `exposure`; none for any other. Of a
+    /// white one it makes the median luminance 18 % of white, of a black one the brightest tenth half of white.
+    /// Pixels that show nothing do not count.
+    pub fn suggested_exposure(&self, exposure: f32) -> Option<f32> {
+        let [r, g, b] = self.rgb().ok()?;
+        let is_there = |i: &usize| self.channel("A").is_none_or(|alpha| alpha[*i] > 0.5);
+        let luminance = |i: usize| 0.2126 * r[i] + 0.7152 * g[i] + 0.0722 * b[i];
+        let mut luminances: Vec<f32> = (0..r.len()).filter(is_there).map(luminance).filter(|l| l.is_finite()).collect();
+        luminances.sort_by(f32::total_cmp);
+        let median = *luminances.get(luminances.len() / 2)?;
+        let bright = *luminances.get(luminances.len() * 9 / 10)?;
+        let shown = |luminance: f32| luminance * exposure.exp2();
+        let stops = |from: f32, to: f32| (to / from).log2().round();
+        // Two stops above white no view leaves anything to see.
+        if shown(median) > 4.0 {
+            return Some(stops(median, 0.18));
+        }
+        // A pixel of 0.2 % has the eight-bit value 6.
+        (bright > 0.0 && shown(bright) < 0.002).then(|| stops(bright, 0.5))
+    }
+
     /// Adds a channel of `width * height` samples, or replaces the channel with the same name.
     ///
     /// # Panics

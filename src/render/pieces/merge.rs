@@ -82,6 +82,12 @@ impl Pieces {
         self.merge_and(|_, _| Ok(()))
     }
 
+    /// Whether they keep what denoisers need.
+    pub fn have_guides(&self) -> bool {
+        let guides = [Quantity::GuideAlbedo, Quantity::GuideNormal, Quantity::GuidePosition];
+        guides.iter().all(|guide| self.whole.quantities.contains(guide))
+    }
+
     /// As [`Pieces::merge`], with the channels that [`Renderer::denoised_image`](crate::Renderer::denoised_image) adds.
     /// The statistical denoiser runs on `gpu`, and has the same bits on devices of one kind.
     ///
@@ -90,8 +96,7 @@ impl Pieces {
     /// [`Error::Input`] with the library of a denoiser that fails.
     pub fn merge_denoised(&self, gpu: &Gpu, denoiser: &Denoiser) -> Result<Image> {
         let refuse = |problem: &str| Err(Error::input(&self.files[0].0, "pieces", problem));
-        let guides = [Quantity::GuideAlbedo, Quantity::GuideNormal, Quantity::GuidePosition];
-        if !guides.iter().all(|guide| self.whole.quantities.contains(guide)) {
+        if !self.have_guides() {
             return refuse("keep nothing for denoisers: `image.denoise` was none when they were rendered");
         }
         if !self.missing().is_empty() {
