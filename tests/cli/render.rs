@@ -269,7 +269,6 @@ fn a_resumed_render_has_the_bits_of_one_that_never_stopped() {
     let [whole, parts, state, stats] = ["a.exr", "b.exr", "state", "a.json"].map(|name| folder.path().join(name));
     let cases = [
         (BOX, "--aov all"),
-        (BOX, "--aov all --technique path"),
         // Without the AOV of classes there are fine cells, and most points of the still life are shaded at once. It has
         // enough lights for ward-adaptive to estimate some by their visibility so far.
         (BOX, "--aov variance --nearest 511"),

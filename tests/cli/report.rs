@@ -31,7 +31,7 @@ fn everything_is_written_and_as_documented() {
     let folder = folder();
     let folder = folder.path();
     // A sweep renders nine times for each value: direct light alone is quick.
-    let arguments = "--techniques shadow-photons,path --budgets 3,1 --reference-error 0.1 --sweep nearest=10..20 \
+    let arguments = "--techniques shadow-photons,path --budgets 1.5,0.5 --reference-error 0.1 --sweep nearest=10..20 \
                      --max-bounces 0";
     let answer = report(folder, arguments);
     answer.assert_done();
@@ -133,12 +133,12 @@ fn denoisers_make_entrants() {
 fn auto_is_compared_with_the_others() {
     let folder = folder();
     let folder = folder.path();
-    let answer = report(folder, "--techniques auto,path --budgets 2,3 --reference-error 0.2 --max-bounces 0");
-    assert!(answer.assert_done().stderr.contains("auto within 3 s: "), "{answer:?}");
+    let answer = report(folder, "--techniques auto,path --budgets 1,2 --reference-error 0.2 --max-bounces 0");
+    assert!(answer.assert_done().stderr.contains("auto within 2 s: "), "{answer:?}");
     let json = read_json(folder);
     schema::assert_documented("Report", &json);
     let row = json["auto"].as_array().unwrap().last().unwrap();
-    assert_eq!((&row["entrant"], &row["budget"], &row["best"]), (&"auto".into(), &3.0.into(), &"path".into()));
+    assert_eq!((&row["entrant"], &row["budget"], &row["best"]), (&"auto".into(), &2.0.into(), &"path".into()));
     assert_eq!(json["entrants"][1]["slope"], Value::Null);
 }
 
@@ -260,9 +260,9 @@ fn repeats_follow_the_time_there_is() {
 fn a_signal_keeps_the_runs_that_all_techniques_have() {
     let folder = folder();
     let folder = folder.path();
-    let arguments = "--techniques path,photon-map --budgets 2 --reference-error 0.2 --repeats 90";
+    let arguments = "--techniques path,photon-map --budgets 1 --reference-error 0.2 --repeats 90";
     let said = stopped(folder, arguments, "path, run 4 of 90");
-    assert!(said.contains("180 runs of 2 s: 6 min 0 s"), "{said}");
+    assert!(said.contains("180 runs of 1 s: 3 min 0 s"), "{said}");
     let json = read_json(folder);
     schema::assert_documented("Report", &json);
     // The fourth round may have been over by then.

@@ -68,7 +68,7 @@ fn runs_give_the_same_bits() {
     let by_photons_alone = std::iter::once((Technique::SHADOW_PHOTONS, false));
     for (technique, fine_cells) in Technique::all().map(|technique| (technique, true)).chain(by_photons_alone) {
         let is_default = technique == Technique::default();
-        let (runs, side) = if is_default { (7, 64) } else { (3, 24) };
+        let (runs, side) = if is_default { (7, 48) } else { (3, 24) };
         // Classes by a single photon are sometimes wrong.
         let settings = settings(technique, side, side, 8).with(|s| {
             s.visibility_map.photons_per_light = Some(8192);

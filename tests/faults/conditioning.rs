@@ -233,6 +233,30 @@ fn rays_beyond_the_loop_budget_are_dropped_or_end_the_render() {
     assert!(error.to_string().contains("loop budget"), "{error}");
 }
 
+/// Rays of photons go on through all surfaces, so a pile of 35,000 sheets is beyond the loop budget for them and not
+/// for other rays. Where they store nothing, points trace shadow rays: the image is right, and the render goes on.
+#[test]
+fn photons_beyond_the_loop_budget_end_no_render() {
+    let sheet = |i: u32| square(DVec3::Y * (1e-6 * f64::from(i) - 0.2), DVec3::Z * 0.2, DVec3::X * 0.2);
+    let pile: Vec<_> = (0..35_000).flat_map(sheet).collect();
+    let mean = |technique| {
+        let settings = settings(technique).with(|s| {
+            s.visibility_map.photons_per_light = Some(8192);
+            s.indirect.max_bounces = 0;
+            s.image.spp = 32;
+        });
+        let scene = room(0.7, 5.0, &[(pile.clone(), surface(0.5, 0.0))]);
+        let (image, statistics) = try_render(scene, &settings).unwrap();
+        let samples = image.channel("G").unwrap();
+        let mean = samples.iter().map(|x| f64::from(*x)).sum::<f64>() / samples.len() as f64;
+        (mean, statistics.conditioning.overruns)
+    };
+    let ((all, none), (some, overruns)) = (mean(Technique::TWO_PASS), mean(Technique::SHADOW_PHOTONS));
+    assert_eq!(none, 0);
+    assert!(overruns > 100, "{overruns} rays are no test");
+    assert!((some - all).abs() < 0.02 * all, "{some} with photons, {all} with all shadow rays");
+}
+
 /// Failures of procedural functions are counted and reported: functions that never return, and functions that return
 /// NaN. Rays pass through such objects and the image stays valid. A correct function has no failures.
 #[test]
