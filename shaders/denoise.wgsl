@@ -285,43 +285,49 @@ fn prepare(
     surface_out[2u * index + 1u] = vec4f(normal, bitcast<f32>(word));
 }
 
-// Light that stands out from its neighbours (their mean, and their spread about it) by its own noise is drawn towards
-// them, with its variance, to where it no longer does.
-fn restrained(light: vec4f, mean: vec3f, spread: f32, count: f32) -> vec4f {
-    let d = light.xyz - mean;
-    let distance = dot(d, d);
-    let far = distance > FAR_FROM_NEIGHBOURS * spread;
-    let explained = denoise.samples < 2u || distance < WITHIN_OWN * light.w;
-    let share = FAR_FROM_NEIGHBOURS * spread / max(distance, 1e-30);
-    return select(light, vec4f(mean + sqrt(share) * d, share * light.w), far && explained && count >= MIN_NEIGHBOURS);
-}
-
-// Means of direct and of indirect light, and the sums of squared distances from them, times weight.
+// The mean of the light of some pixels, and the sum of squared distances from it, times weight. The brightest of them,
+// with its weight, is left out: it may be another firefly, and two would hide each other.
 struct Moments {
     weights: f32,
-    count: f32,
-    direct: vec3f,
-    indirect: vec3f,
-    squares: vec2f,
+    squares: f32,
+    mean: vec3f,
+    brightest: vec4f,
 }
 
-// With one more pixel, in the way that loses no digits beside bright light (West 1979).
-fn moments_with(sums: Moments, weight: f32, index: u32) -> Moments {
-    let weights = sums.weights + weight;
-    let share = weight / max(weights, TINY);
-    let light = load_light(2u * index).xyz;
-    let other_light = load_light(2u * index + 1u).xyz;
-    let a = light - sums.direct;
-    let b = other_light - sums.indirect;
-    let direct = sums.direct + share * a;
-    let indirect = sums.indirect + share * b;
-    let squares = sums.squares + weight * vec2f(dot(a, light - direct), dot(b, other_light - indirect));
-    return Moments(weights, sums.count + select(0.0, 1.0, weight > COUNTED_WEIGHT), direct, indirect, squares);
+// With the light and the weight of one more pixel, in the way that loses no digits beside bright light (West 1979).
+fn moments_with(moments: Moments, more: vec4f) -> Moments {
+    let is_brightest = more.w > COUNTED_WEIGHT && dot(more.xyz, vec3f(1.0)) > dot(moments.brightest.xyz, vec3f(1.0));
+    let added = select(more, moments.brightest, is_brightest);
+    let weights = moments.weights + added.w;
+    let d = added.xyz - moments.mean;
+    let mean = moments.mean + added.w / max(weights, TINY) * d;
+    let squares = moments.squares + added.w * dot(d, added.xyz - mean);
+    return Moments(weights, squares, mean, select(moments.brightest, more, is_brightest));
+}
+
+// The spread of `count` pixels and the brightest one about the mean.
+fn spread_of(moments: Moments, count: f32) -> f32 {
+    return moments.squares * count / (max(moments.weights, TINY) * max(count - 1.0, 1.0));
+}
+
+// Of direct and of indirect light, and how many pixels count.
+struct Neighbours {
+    count: f32,
+    direct: Moments,
+    indirect: Moments,
+}
+
+fn neighbours_with(sums: Neighbours, weight: f32, index: u32) -> Neighbours {
+    return Neighbours(
+        sums.count + select(0.0, 1.0, weight > COUNTED_WEIGHT),
+        moments_with(sums.direct, vec4f(load_light(2u * index).xyz, weight)),
+        moments_with(sums.indirect, vec4f(load_light(2u * index + 1u).xyz, weight)),
+    );
 }
 
 // After a row of the window, whose weights are kept: in bytes, but for that of the middle column.
-struct MomentsOfRow {
-    sums: Moments,
+struct NeighboursOfRow {
+    sums: Neighbours,
     sides: u32,
     middle: f32,
 }
@@ -331,19 +337,31 @@ fn weight_at(centre: Centre, row: u32, x: i32, y: i32) -> f32 {
 }
 
 // With the row `y` below a pixel, but for the pixel itself.
-fn moments_with_row(before: Moments, centre: Centre, index: u32, y: i32) -> MomentsOfRow {
+fn neighbours_with_row(before: Neighbours, centre: Centre, index: u32, y: i32) -> NeighboursOfRow {
     let row = below(index, y);
     let a = weight_at(centre, row, -2, y);
     let b = weight_at(centre, row, -1, y);
     let middle = select(weight_at(centre, row, 0, y), 0.0, y == 0);
     let c = weight_at(centre, row, 1, y);
     let d = weight_at(centre, row, 2, y);
-    var sums = moments_with(before, a, row - 2u);
-    sums = moments_with(sums, b, row - 1u);
-    sums = moments_with(sums, middle, row);
-    sums = moments_with(sums, c, row + 1u);
-    sums = moments_with(sums, d, row + 2u);
-    return MomentsOfRow(sums, pack4x8unorm(vec4f(a, b, c, d)), middle);
+    var sums = neighbours_with(before, a, row - 2u);
+    sums = neighbours_with(sums, b, row - 1u);
+    sums = neighbours_with(sums, middle, row);
+    sums = neighbours_with(sums, c, row + 1u);
+    sums = neighbours_with(sums, d, row + 2u);
+    return NeighboursOfRow(sums, pack4x8unorm(vec4f(a, b, c, d)), middle);
+}
+
+// Light that stands out from its `count` neighbours by its own noise is drawn towards them, with its variance, to where
+// it no longer does.
+fn restrained(light: vec4f, neighbours: Moments, count: f32) -> vec4f {
+    let d = light.xyz - neighbours.mean;
+    let distance = dot(d, d);
+    let limit = FAR_FROM_NEIGHBOURS * spread_of(neighbours, count - 1.0);
+    let explained = denoise.samples < 2u || distance < WITHIN_OWN * light.w;
+    let share = limit / max(distance, 1e-30);
+    let drawn = vec4f(neighbours.mean + sqrt(share) * d, share * light.w);
+    return select(light, drawn, distance > limit && explained && count >= MIN_NEIGHBOURS);
 }
 
 // Draws fireflies towards their neighbours: no confidence interval excludes them, as their own variance is so large.
@@ -358,18 +376,17 @@ fn restrain(
     if outside(pixel) { return; }
     let index = index_of(pixel);
     let centre = centre_at(index);
-    let a = moments_with_row(Moments(), centre, index, -2);
-    let b = moments_with_row(a.sums, centre, index, -1);
-    let c = moments_with_row(b.sums, centre, index, 0);
-    let d = moments_with_row(c.sums, centre, index, 1);
-    let e = moments_with_row(d.sums, centre, index, 2);
+    let a = neighbours_with_row(Neighbours(), centre, index, -2);
+    let b = neighbours_with_row(a.sums, centre, index, -1);
+    let c = neighbours_with_row(b.sums, centre, index, 0);
+    let d = neighbours_with_row(c.sums, centre, index, 1);
+    let e = neighbours_with_row(d.sums, centre, index, 2);
     let middle = pack4x8unorm(vec4f(a.middle, b.middle, d.middle, e.middle));
     weights_out[2u * index] = vec4u(a.sides, b.sides, d.sides, e.sides);
     weights_out[2u * index + 1u] = vec4u(c.sides, middle, select(1u, 0u, is_kept(centre)), 0u);
     let sums = e.sums;
-    let spread = sums.squares * (sums.count / (max(sums.weights, TINY) * max(sums.count - 1.0, 1.0)));
-    light_out[2u * index] = restrained(load_light(2u * index), sums.direct, spread.x, sums.count);
-    light_out[2u * index + 1u] = restrained(load_light(2u * index + 1u), sums.indirect, spread.y, sums.count);
+    light_out[2u * index] = restrained(load_light(2u * index), sums.direct, sums.count);
+    light_out[2u * index + 1u] = restrained(load_light(2u * index + 1u), sums.indirect, sums.count);
 }
 
 // The weights that `restrain` kept: of the columns -2, -1, 1 and 2, and of the middle column, for the rows -2 to 2.
