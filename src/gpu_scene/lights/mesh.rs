@@ -231,6 +231,24 @@ pub(super) fn pack(
 mod tests {
     use super::*;
 
+    /// Triangles whose share of the power is less than an ULP have a probability of theirs, which their density knows.
+    #[test]
+    fn the_faintest_triangles_are_sampled() {
+        let triangles = vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 4];
+        let emitters: Vec<_> = (0..4).map(|triangle| EmitterTriangle { triangle, radiance: Vec3::ONE }).collect();
+        let powers = vec![1.0, 1e-9, 1e-9, 1.0];
+        let material = Material::default();
+        let mesh =
+            MeshLight { material: &material, emitters: &emitters, triangles, total: powers.iter().sum(), powers };
+        let mut tables = MeshTexels::new(&[]);
+        mesh.push_emitters(&mut tables, 0);
+        for texels in tables.emitters.chunks(EMITTER_TEXELS as usize) {
+            let [density, probability] = [texels[2][3], texels[3][1]].map(f32::from_bits);
+            // The triangles have an area of a half.
+            assert!(probability > 0.0 && density == 2.0 * probability, "{probability}, {density}");
+        }
+    }
+
     /// 64 lamps of 1,000 triangles get views, and of 66 none does.
     #[test]
     fn views_of_many_lamps_are_left_out() {
