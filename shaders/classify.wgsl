@@ -32,7 +32,7 @@ import package::lib::grid::{GridShape, cell_centre, cell_index, cell_of, nearest
 import package::lib::sampled_light::candidate_light;
 import package::lib::point::Point;
 import package::lib::visible_point::load_point;
-import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_position, tile_rows, tile_sample};
+import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_position, tile_sample};
 @if(shown_cells) import package::lib::constants::{CELL_HASH_SHIFT, CELL_KIND_SHIFT, CELL_LEVEL_SHIFT};
 @if(fine_cells && shown_cells) import package::lib::constants::CELL_FINE;
 @if(visibility_map && shown_cells) import package::lib::constants::{CELL_MAP, CELL_REQUESTED};
@@ -370,7 +370,7 @@ const NEIGHBOURS = 9u;
 fn neighbour_in_layer(at: vec2i, k: u32) -> u32 {
     let tile = classify_pass.tile;
     let position = at + vec2i(vec2u(k % 3u, k / 3u)) - 1;
-    let size = vec2i(i32(tile.columns), i32(tile_rows(tile)));
+    let size = vec2i(i32(tile.columns), i32(tile.rows));
     if any(position < vec2i(0)) || any(position >= size) { return NOT_SAMPLED; }
     return first_point_of(u32(position.y) * tile.columns + u32(position.x));
 }

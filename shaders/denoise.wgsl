@@ -305,7 +305,7 @@ fn moments_with(moments: Moments, more: vec4f) -> Moments {
     return Moments(weights, squares, mean, select(moments.brightest, more, is_brightest));
 }
 
-// The spread of `count` pixels and the brightest one about the mean.
+// The spread about the mean of the `count` pixels that are not left out.
 fn spread_of(moments: Moments, count: f32) -> f32 {
     return moments.squares * count / (max(moments.weights, TINY) * max(count - 1.0, 1.0));
 }

@@ -10,10 +10,11 @@ struct Tile {
     // Size of the whole image.
     width: u32,
     height: u32,
-    // First pixel of the tile, pixels in each of its rows, and pixels that get samples.
+    // First pixel of the tile, its size, and pixels that get samples.
     first_column: u32,
     first_row: u32,
     columns: u32,
+    rows: u32,
     pixel_count: u32,
     // Points in it: pixels times layers.
     point_count: u32,
@@ -23,8 +24,7 @@ struct Tile {
     // 1: rays go through the centre of the pixel (a render of one sample), 0: anywhere in it (box filter).
     centred: u32,
     // In a uniform buffer what follows a struct is aligned to 16 bytes.
-    padding_x: u32,
-    padding_y: u32,
+    padding: u32,
 }
 
 // The pixels that get samples. A pixel's index counts from the first one of the tile's rows.
@@ -54,12 +54,6 @@ fn pixel_index(tile: Tile, i: u32) -> u32 {
 fn first_point_of(pixel: u32) -> u32 {
     @if(adaptive_sampling) { return list_indices[pixel]; }
     @else { return pixel; }
-}
-
-// Number of the tile's rows, of which the last ones may be missing with adaptive sampling.
-fn tile_rows(tile: Tile) -> u32 {
-    @if(adaptive_sampling) { return arrayLength(&list_indices) / tile.columns; }
-    @else { return tile.pixel_count / tile.columns; }
 }
 
 // Column and row of the pixel of point i within the tile.

@@ -696,8 +696,8 @@ impl Arguments {
 
     /// What the user should know of a .png that is white or black for the most part.
     fn note_on_exposure(&self, image: &Image) -> Option<String> {
-        let suggested = image.suggested_exposure(self.exposure)?;
         let png = self.output.iter().find(|path| !is_exr(path))?;
+        let suggested = image.suggested_exposure(self.exposure)?;
         let seen = if suggested < self.exposure { "white" } else { "black" };
         Some(format!("{} is mostly {seen}: try --exposure {suggested}", png.display()))
     }
@@ -733,7 +733,7 @@ fn summary(statistics: &Statistics, stopped: bool) -> String {
         None if stopped => format!("stopped after {samples} of {}", settings.image.range().count()),
         None => samples.to_string(),
     };
-    // Where nothing but photons tells of visibility, no shadow ray is traced that others could be compared with.
+    // A technique without shadow rays saves none.
     let decided = points.lit + points.shadowed;
     let saved = (decided > 0 && rays.shadow > 0)
         .then(|| 100.0 * decided.saturating_sub(audits.audited) as f64 / points.total as f64)

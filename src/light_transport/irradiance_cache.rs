@@ -212,13 +212,15 @@ impl Records {
         let before = self.heads.len();
         let mut gather: Option<BoundGather> = None;
         for first_row in rows.clone().step_by(rows_at_once as usize) {
-            let pixel_count = rows_at_once.min(rows.end - first_row) * column_count;
+            let row_count = rows_at_once.min(rows.end - first_row);
+            let pixel_count = row_count * column_count;
             let part = Tile {
                 width,
                 height,
                 first_column: columns.start,
                 first_row,
                 columns: column_count,
+                rows: row_count,
                 pixel_count,
                 point_count: pixel_count,
                 seed: image.seed,

@@ -47,6 +47,8 @@ shared_struct! {
         pub first_row: u32,
         /// Pixels in a row of the tile.
         pub columns: u32,
+        /// Rows of the tile.
+        pub rows: u32,
         /// Pixels that get samples.
         pub pixel_count: u32,
         /// Points of the tile: pixels times samples.
@@ -58,9 +60,7 @@ shared_struct! {
         /// 1 where rays go through the centres of the pixels, 0 where anywhere in them.
         pub centred: u32,
         /// What follows a struct in a uniform buffer is aligned to 16 bytes.
-        pub padding_x: u32,
-        /// Likewise.
-        pub padding_y: u32,
+        pub padding: u32,
     }
 }
 
@@ -176,7 +176,7 @@ bindings! {
 pub struct SampledPixels {
     /// Their indices among the pixels of the tile's rows.
     pub list: Buffer,
-    /// For each pixel of the rows, and of one below, its index in the list, or [`NOT_SAMPLED`].
+    /// For each pixel of the rows its index in the list, or [`NOT_SAMPLED`].
     list_indices: Buffer,
 }
 
@@ -194,11 +194,9 @@ impl SampledPixels {
         Ok(sampled)
     }
 
-    /// Lists these pixels of a tile of `rows` rows of `columns` pixels.
-    pub fn set(&self, gpu: &Gpu, list: &[u32], [columns, rows]: [usize; 2]) {
-        // Kernels look for neighbours by the room that there is, which may be more than the tile has rows.
-        let room = (self.list_indices.bytes / 4) as usize;
-        let mut indices = vec![NOT_SAMPLED; room.min(columns * (rows + 1))];
+    /// Lists these pixels of a tile of `pixels` pixels.
+    pub fn set(&self, gpu: &Gpu, list: &[u32], pixels: usize) {
+        let mut indices = vec![NOT_SAMPLED; pixels];
         list.iter().zip(0..).for_each(|(pixel, index)| indices[*pixel as usize] = index);
         gpu.write(&self.list, list);
         gpu.write(&self.list_indices, &indices);
@@ -207,7 +205,7 @@ impl SampledPixels {
     /// Lists all pixels.
     pub fn set_all(&self, gpu: &Gpu) {
         let pixels = (self.list.bytes / 4) as usize;
-        self.set(gpu, &(0..pixels as u32).collect::<Vec<_>>(), [pixels, 1]);
+        self.set(gpu, &(0..pixels as u32).collect::<Vec<_>>(), pixels);
     }
 }
 

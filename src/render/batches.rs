@@ -245,7 +245,7 @@ impl Renderer<'_> {
             return (None, film.rows().len() as u32 * width);
         };
         let pixels = batch.pixels(blocks, film.rows(), width);
-        sampled.set(self.gpu, &pixels, [width as usize, film.rows().len()]);
+        sampled.set(self.gpu, &pixels, film.rows().len() * width as usize);
         let count = pixels.len() as u32;
         (Some(pixels), count)
     }

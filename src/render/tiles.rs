@@ -236,6 +236,7 @@ impl TileFilm {
             first_column: part.x,
             first_row: part.y + self.first_row,
             columns: part.width,
+            rows: self.rows,
             pixel_count,
             point_count: pixel_count * layers,
             first_sample,

@@ -199,9 +199,10 @@ impl<'r, 'a> Document<'r, 'a> {
                 None => None,
                 Some(skin) => {
                     self.check_influences(skin, node, mesh)?;
-                    let known = joints_of_skins[skin].take();
-                    let joints = known.map_or_else(|| self.skins[skin].matrices(&self.nodes), Ok)?;
-                    joints_of_skins[skin].insert(joints).clone().into()
+                    if joints_of_skins[skin].is_none() {
+                        joints_of_skins[skin] = Some(self.skins[skin].matrices(&self.nodes)?);
+                    }
+                    joints_of_skins[skin].clone()
                 }
             };
             let weights = of_node.weights(mesh);

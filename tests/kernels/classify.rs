@@ -45,8 +45,15 @@ struct Setup<'a> {
 impl<'a> Setup<'a> {
     fn new(photons: &'a [Photon], points: &'a [Point], shape: GridShape, nearest: u32) -> Self {
         let count = points.len() as u32;
-        let tile =
-            Tile { width: count, height: 1, columns: count, pixel_count: count, point_count: count, ..Tile::default() };
+        let tile = Tile {
+            width: count,
+            height: 1,
+            columns: count,
+            rows: 1,
+            pixel_count: count,
+            point_count: count,
+            ..Tile::default()
+        };
         let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditChances::default() };
         Setup {
             photons,
@@ -77,7 +84,7 @@ impl<'a> Setup<'a> {
         if let (Some(sampled), Some(list)) = (&tile.sampled_pixels, &self.listed) {
             // As after a tile of more rows.
             sampled.set_all(gpu);
-            sampled.set(gpu, list, [self.tile.columns, self.tile.height].map(|n| n as usize));
+            sampled.set(gpu, list, (self.tile.columns * self.tile.rows) as usize);
         }
         let grid = Grid::new(gpu, &features, self.nearest)
             .unwrap()
@@ -289,7 +296,7 @@ fn queues_hold_what_the_classes_say(gpu: &Gpu) {
     let shape = GridShape::new(room.bounds(), room.area(), photons.len() as u32, 1, 50);
     let mut setup = Setup::new(&photons, &points, shape, 50);
     let undilated = setup.run(gpu).words;
-    setup.tile = Tile { width, height, columns: width, ..setup.tile };
+    setup.tile = Tile { width, height, columns: width, rows: height, ..setup.tile };
     setup.chunk.audits = AuditChances::of(0.25);
     for dilate in [0, 1] {
         setup.chunk.dilate = dilate;
@@ -395,8 +402,8 @@ fn dilation_finds_the_neighbours_that_get_samples(gpu: &Gpu) {
     let listed: Vec<Point> = samples.iter().map(|(layer, pixel)| points[pixel_of(*pixel, *layer)]).collect();
     let mut setup = Setup::new(&photons, &listed, shape, 50);
     let pixel_count = list.len() as u32;
-    setup.tile =
-        Tile { width, height, columns: width, pixel_count, point_count: listed.len() as u32, ..Tile::default() };
+    let point_count = listed.len() as u32;
+    setup.tile = Tile { width, height, columns: width, rows: height, pixel_count, point_count, ..Tile::default() };
     setup.listed = Some(list.clone());
     setup.chunk.dilate = 1;
     let traced = |word: u32| matches!(Classified::new(word).class, Class::Boundary | Class::Unknown);

@@ -51,7 +51,7 @@ impl Stage {
 pub fn whole([width, height]: [u32; 2], layers: u32) -> Tile {
     let pixel_count = width * height;
     let point_count = pixel_count * layers;
-    Tile { width, height, columns: width, pixel_count, point_count, seed: 3, ..Tile::default() }
+    Tile { width, height, columns: width, rows: height, pixel_count, point_count, seed: 3, ..Tile::default() }
 }
 
 /// The crossing of a line with a triangle, or one outside it by at most [`EDGE`].

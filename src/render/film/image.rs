@@ -97,9 +97,14 @@ impl Image {
         let is_there = |i: &usize| self.channel("A").is_none_or(|alpha| alpha[*i] > 0.5);
         let luminance = |i: usize| 0.2126 * r[i] + 0.7152 * g[i] + 0.0722 * b[i];
         let mut luminances: Vec<f32> = (0..r.len()).filter(is_there).map(luminance).filter(|l| l.is_finite()).collect();
-        luminances.sort_by(f32::total_cmp);
-        let median = *luminances.get(luminances.len() / 2)?;
-        let bright = *luminances.get(luminances.len() * 9 / 10)?;
+        if luminances.is_empty() {
+            return None;
+        }
+        let mut below = |share: f64| {
+            let at = (share * luminances.len() as f64) as usize;
+            *luminances.select_nth_unstable_by(at, f32::total_cmp).1
+        };
+        let (median, bright) = (below(0.5), below(0.9));
         let shown = |luminance: f32| luminance * exposure.exp2();
         let stops = |from: f32, to: f32| (to / from).log2().round();
         // Two stops above white no view leaves anything to see.
