@@ -3,13 +3,13 @@
 // classes. Out: class words (lib/class_word), queues of candidates, indirect arguments, counters. Paper,
 // "Extending the photon map": the three cases.
 //
-// `classify` asks the fine cells and queues the candidates of which they know nothing yet. For these `look_up` looks up
-// the classes of the map's cells and requests those that are missing, `request_cells` notes the points that they are
-// for, and `query` looks up the requested classes. What the map decides becomes a photon of the fine cells, so that the
-// map is asked once for a piece of surface. Both fill the queues of candidates whose class they find, and `dilate`
-// widens boundaries. `compact` fills the queues where another pass has found the classes. A point that its
-// cell does not decide is a boundary: a search for the nearest photons of one point costs as much as one to forty
-// shadow rays. Only where n_i and n_s are shown (`exact_counts`) does `query` search for them.
+// `classify` queries the fine cells and queues the candidates that they do not decide. For these `look_up` looks up the
+// classes of the map's cells and requests those that are missing, `request_cells` notes the points that request them,
+// and `query` looks up the requested classes. What the map decides is stored as a photon of the fine cells, so that the
+// map is queried once for a piece of surface. `classify` and `query` queue the candidates whose class is known for
+// shadow rays and audits, and `dilate` widens boundaries. `compact` fills the queues if another pass has found the
+// classes. A point that its cell does not decide is a boundary: a search for the nearest photons of one point costs as
+// much as one to forty shadow rays. Only if n_i and n_s are shown (`exact_counts`) does `query` search for them.
 
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7, remainder};

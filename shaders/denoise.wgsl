@@ -46,8 +46,9 @@ const RIDGE = 0.5;
 const NORMAL_SCALE = 0.1;
 const ALBEDO_SCALE = 0.1;
 const PLANE_SCALE = 1.5;
-// Beyond the image the tables have texels of KIND_KEPT, so that no window needs to end there: DENOISE_BORDER rows above
-// and below, and DENOISE_BORDER columns on the left, which are also those on the right of the row before.
+// Around the image the tables have a border of texels that are 0, whose kind matches no pixel's, so that no window has
+// to end at the edge: DENOISE_BORDER rows above and below, and DENOISE_BORDER columns on the left, which also serve as
+// the right border of the row before.
 const_assert SECOND_RADIUS <= DENOISE_BORDER;
 // Weights below exp of minus these, 0.02 and 0.01, are 0, so that many small ones do not add up.
 const MAX_SURFACE_DIFFERENCE = 3.912023;

@@ -50,7 +50,8 @@ fn code_of_cell(entry: u32) -> u32 {
         photons += photons_of(neighbour.entry);
         if all(photons > vec2u(0u)) { return divided(photons); }
     }
-    // Points in parts of divided cells are audited 16 times as often, so mistakes there cost less.
+    // Parts of divided cells with so few photons have 16 times the minimum probability of audits (NEAR_AUDITS in
+    // src/passes/classify.rs), so mistakes there cost less.
     let enough = select(nearest, (nearest + 1u) / 2u, cell_level(kind) > 0u);
     if photons.x + photons.y < enough { return CLASS_UNKNOWN; }
     let class_ = select(CLASS_SHADOWED, CLASS_LIT, photons.y == 0u);

@@ -44,9 +44,9 @@ const FAR = 1e30;
 var<workgroup> group_length: atomic<u32>;
 var<workgroup> group_base: u32;
 
-// Whether two hits are of coplanar surfaces, whose t differ by rounding: 2^-21 is too little for one in fifty of twins
-// whose diagonals differ, and walls 1e-5 thick are still two surfaces, also for rays from four times the scene's
-// radius.
+// Whether two hits are of coplanar surfaces, whose t differ by rounding. The tolerance is 2^-19 of t, at least 2^-21.
+// With 2^-21 of t, one in fifty coplanar pairs with different diagonals counted as two surfaces. Walls 1e-5 thick are
+// still two surfaces, also for rays from four times the scene's radius.
 fn coincide(a: f32, b: f32) -> bool {
     return abs(a - b) <= 1.9073486e-6 * max(a, 0.25);
 }
@@ -125,10 +125,11 @@ fn keep(kept: ptr<function, Kept>, t: f32, primitive: u32, found: Arrival) {
 fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, primitive: u32, found: Arrival) {
     let first = *nearest;
     let met = Nearest(t, primitive, found);
-    // The one that is not the nearest. One call adds either: software devices run both, whose loops share the budget.
+    // The farther of both. One call of `keep` serves both cases: software devices execute both branches, whose loops
+    // would share the iteration budget.
     var farther = met;
     if first.primitive != NO_HIT && coincide(t, first.t) {
-        // A coplanar twin is the same surface; the side that stores is the one that counts.
+        // Coplanar surfaces count as one: that which stores a photon, else that of the lower primitive index.
         let same_side = found.stores == first.arrival.stores;
         if select(found.stores, primitive < first.primitive, same_side) { *nearest = met; }
         farther.arrival.stores = false;

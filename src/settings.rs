@@ -3,6 +3,7 @@
 mod builder;
 mod groups;
 pub mod technique;
+mod unused;
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,9 +16,9 @@ use crate::{Error, Result};
 const MAP_PHOTONS: u32 = 131_072;
 const LEARNING_PHOTONS: u32 = 16_384;
 
-/// Shadow rays to a light for which one of its photons pays. A photon costs as much as ten to twenty shadow rays, with
-/// its share of the grid. At 256 x 256 pixels and one sample, 4,096 photons instead of 131,072 shortened the render of
-/// box, crowd and sphere from 0.25 to 0.52 s to 0.09 to 0.15 s.
+/// Shadow rays to a light that pay for one photon. A photon costs as much as ten to twenty shadow rays, with its share
+/// of the grid. At 256 x 256 pixels and one sample, 4,096 photons instead of 131,072 shortened the render of box, crowd
+/// and sphere from 0.25 to 0.52 s to 0.09 to 0.15 s.
 const RAYS_PER_PHOTON: u64 = 64;
 /// Fewer photons take no less time.
 const MIN_PHOTONS: u32 = 4096;
@@ -299,19 +300,18 @@ impl Settings {
         self.image.spp > 1 && is_requested && self.image.piece.is_none()
     }
 
-    /// Whether the shadow rays of earlier samples decide where the map does not: not where what its photons tell is
-    /// shown, or where the method of the paper alone is requested.
+    /// Whether the shadow rays of earlier samples decide where the map does not. False for a single sample, if the
+    /// image shows what the photons say, and if photons alone are to decide.
     pub(crate) fn learns_from_shadow_rays(&self) -> bool {
         self.image.spp > 1 && !self.shows_photons()
     }
 
-    /// Whether photons of visibility must prove that they save time: nobody asked for them, and samples tell what they
-    /// are worth.
+    /// Whether visibility photons are on trial: the number is not set, and samples can show whether they save time.
     pub(crate) fn tries_photons(&self) -> bool {
         self.learns_from_shadow_rays() && self.visibility_map.photons_per_light.is_none()
     }
 
-    /// Whether the image depends on the number of visibility photons by more than its noise.
+    /// Whether photons alone decide, or the image shows what they say: their number then matters for more than noise.
     pub(crate) fn shows_photons(&self) -> bool {
         let map = &self.visibility_map;
         let shown = self.image.aovs.contains(&Aov::Shadow);

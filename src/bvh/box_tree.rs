@@ -1,4 +1,4 @@
-//! A tree over boxes that is searched on the CPU, for what is asked about a few rays.
+//! A tree over boxes that is searched on the CPU, for queries of few rays.
 
 use rayon::prelude::*;
 
@@ -27,8 +27,8 @@ impl BoxTree {
         self.nodes.first().map_or(Aabb::EMPTY, |root| root.bounds)
     }
 
-    /// The boxes that a ray enters, with where it does. `enters` tells that of a box, and is none for one that it
-    /// misses.
+    /// The boxes that a ray enters, each with the distance at which it does. `enters` returns that distance for a box,
+    /// or `None` if the ray misses it.
     pub fn entered(&self, enters: impl Fn(Aabb) -> Option<f64>) -> Vec<(f64, usize)> {
         let mut found = Vec::new();
         // Nodes, each with the position of its first leaf.

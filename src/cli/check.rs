@@ -53,7 +53,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE.html", default_value = "check.html")]
     html: PathBuf,
 
-    /// Write what came of the cases as JUnit XML
+    /// Write the results as JUnit XML
     #[arg(long, value_name = "FILE.xml")]
     junit: Option<PathBuf>,
 

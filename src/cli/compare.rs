@@ -1,6 +1,6 @@
 //! `penumbra compare`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use penumbra::internal::report::metrics::Measures;
 use penumbra::{Error, Image, Result};
@@ -31,6 +31,10 @@ fn limit(text: &str) -> std::result::Result<f64, String> {
 }
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
+    let Arguments { image, reference, .. } = arguments;
+    if is_tone_mapped(image) != is_tone_mapped(reference) {
+        say(format_args!("note: one image is .png: its 8 bits and its tone mapping count as errors"));
+    }
     let image = Image::read(&arguments.image)?;
     let reference = Image::read(&arguments.reference)?;
     let measures = Measures::new(&image, &reference).map_err(|error| arguments.name_files(error))?;
@@ -47,6 +51,11 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         }
         _ => Ok(Ending::Done),
     }
+}
+
+/// Whether the format has room only for what a screen shows.
+fn is_tone_mapped(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
 }
 
 /// A line for each measure.

@@ -3,8 +3,9 @@
 use std::borrow::Cow;
 
 /// What the library writes, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 40] = [
+const FLAGS: [(&str, &str); 42] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
+    ("`indirect.irradiance_cache.enabled`", "--no-cache"),
     ("`technique`", "--technique"),
     ("`image.width`", "--width"),
     ("`image.height`", "--height"),
@@ -22,6 +23,7 @@ const FLAGS: [(&str, &str); 40] = [
     ("`visibility_map.dilate`", "--dilate"),
     ("`visibility_map.audit`", "--audit"),
     ("`visibility_map.paper_counting`", "--paper-counting"),
+    ("`visibility_map.fine_cells`", "--no-fine-cells"),
     ("`shadow_rays.samples`", "--shadow-samples"),
     ("`light_sampling.strategy`", "--light-sampling"),
     ("`light_sampling.sampled_lights`", "--sampled-lights"),

@@ -45,10 +45,10 @@ struct CommandLine {
 enum Command {
     /// Render a scene to images
     Render(Box<render::Arguments>),
-    /// Put pieces of an image together, which `render --samples` made
+    /// Merge pieces of an image made by `render --samples`
     Merge(merge::Arguments),
 
-    /// Look around in a scene while it renders, in a window
+    /// Open a window in which a scene renders while you look around
     #[cfg(feature = "view")]
     View(Box<view::Arguments>),
     /// Print what a scene needs, what is left out and why, without rendering it
@@ -57,13 +57,13 @@ enum Command {
     Devices(devices::Arguments),
     /// Measure the error of an image against a reference
     Compare(compare::Arguments),
-    /// Render cases and compare them with their baselines: pictures as tests
+    /// Image regression tests: render cases and compare them with their baselines
     Check(Box<check::Arguments>),
     /// Compare techniques: error over run time, against a reference
     Report(Box<report::Arguments>),
     /// Render the two scenes of the paper by its four techniques, and print its table 1 beside the measured one
     Table1(table1::Arguments),
-    /// Push small scenes to extremes, and print where their images leave the error bound
+    /// Render small scenes with extreme parameters, and print where the error exceeds its bound
     Stress(stress::Arguments),
     /// Print the completions of a shell, for its folder of completions
     Completions(shell::Completions),
@@ -143,7 +143,8 @@ fn one_line(message: &str) -> String {
     let paragraphs = message.trim_start_matches("error: ").split("\n\n");
     let problems = paragraphs.take_while(|text| !text.starts_with("Usage:") && !text.starts_with("For more"));
     let joined = problems.map(|text| text.split_whitespace().collect::<Vec<_>>().join(" "));
-    joined.collect::<Vec<_>>().join("; ")
+    // What the parser of integers says of 1.5.
+    joined.collect::<Vec<_>>().join("; ").replace("invalid digit found in string", "it must be a whole number")
 }
 
 /// Writes a line to stderr. As all output, it names flags where the library names settings.

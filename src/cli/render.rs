@@ -87,8 +87,8 @@ pub struct Arguments {
     #[command(flatten)]
     part: PartOptions,
 
-    /// Have the image within this time, with reading, denoising and writing, if one sample fits; --spp is then only an
-    /// upper limit, without a default
+    /// Finish within this time, including reading, denoising and writing, unless it is too short for one sample; --spp
+    /// is then only an upper limit, without a default
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
     time: Option<Duration>,
 
@@ -726,18 +726,16 @@ pub fn is_exr(path: &Path) -> bool {
 
 /// A summary of the render in one line.
 fn summary(statistics: &Statistics, stopped: bool) -> String {
-    let Statistics { samples, mean_samples, settings, rays, points, audits, time, .. } = statistics;
+    let Statistics { samples, mean_samples, settings, rays, points, time, .. } = statistics;
     let samples = match settings.image.noise {
         Some(_) if stopped => format!("stopped after {mean_samples:.1} (at most {samples})"),
         Some(_) => format!("{mean_samples:.1} (at most {samples})"),
         None if stopped => format!("stopped after {samples} of {}", settings.image.range().count()),
         None => samples.to_string(),
     };
-    // A technique without shadow rays saves none.
-    let decided = points.lit + points.shadowed;
-    let saved = (decided > 0 && rays.shadow > 0)
-        .then(|| 100.0 * decided.saturating_sub(audits.audited) as f64 / points.total as f64)
-        .map_or(String::new(), |share| format!(", {share:.0} % of shadow rays saved"));
+    let saved = points
+        .saved_shadow_rays(rays)
+        .map_or(String::new(), |share| format!(", {:.0} % of shadow rays saved", 100.0 * share));
     format!("{samples} spp in {:.2} s, {:.1} Mrays/s{saved}", time.render, mega(rays.total, time.render))
 }
 

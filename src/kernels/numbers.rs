@@ -57,7 +57,7 @@ pub mod cell_word {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum CellKind {
-    /// No cell: nothing was asked there.
+    /// No cell decides the point.
     None = 0,
     /// A fine cell, whose photons are shadow rays.
     Fine = 1,

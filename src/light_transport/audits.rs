@@ -1,22 +1,24 @@
-//! What keeps wrong classes from showing: audits of decided points, and wider boundaries.
+//! Protection against wrong classes: audits of decided points, and wider boundaries.
 
 use crate::passes::classify::AuditChances;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 
-/// The probability of audits over the root of the share of wrong classes. A mistake that an audit finds with
-/// probability q adds noise of R (1 / q - 1), with R the mean square of what it hides, over that of the image; the
-/// samples have a noise of V, and all decided points together cost about as much as an audit of each. So the error is
-/// the smallest for its time with q = sqrt(m R / V), where m is the share of mistakes. Roots of R / V were 16, 27 and
-/// 74 in the direct light of `scenes/crowd.glb`, `procedural.glb` and `door.glb`. This is nearer to the largest, as too
-/// many audits cost a few percent of the time, and too few may cost a multiple of it (docs/decisions.md).
+/// The audit probability over the square root of the share of wrong classes. A wrong class that an audit finds with
+/// probability q adds noise of R (1 / q - 1), where R is the mean square of the light that it hides over that of the
+/// image. Samples have a noise of V, and processing all decided points costs about as much as auditing all of them. So
+/// the error for a given time is smallest at q = sqrt(m R / V), where m is the share of wrong classes. sqrt(R / V) was
+/// 16, 27 and 74 in the direct light of `scenes/crowd.glb`, `procedural.glb` and `door.glb`. This value is nearer to
+/// the largest, because too many audits cost a few percent of the time, and too few may cost a multiple of it
+/// (docs/decisions.md).
 const CHANCE_OF_SHARE: f64 = 50.0;
 
-/// Audits without a mistake that are taken to have been there before the first: all of the first points are audited, as
-/// most mistakes are in cells that have few photons yet.
+/// Audits without a mistake that are assumed before the first one. The probability at the start is then CHANCE_OF_SHARE
+/// * sqrt(0.5 / 1250) = 1: all of the first points are audited, as most mistakes are in cells that have few photons
+/// yet.
 const EARLIER_AUDITS: f64 = 1250.0;
 
-/// What keeps wrong classes from showing in the next samples.
+/// How the next samples are protected against wrong classes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Precautions {
     pub audits: AuditChances,
@@ -25,11 +27,11 @@ pub(crate) struct Precautions {
 }
 
 impl Precautions {
-    /// By the mistakes that audits have found so far; audits are no rarer than the settings say. Counts decide, so that
-    /// renders are the same from run to run, and those of earlier samples alone, so that the next ones are unbiased.
+    /// From the mistakes that audits found so far; probabilities are never below the setting. They follow from counts,
+    /// so that a render is reproducible, and from earlier samples only, so that the next ones are unbiased.
     pub fn after(totals: &Totals, settings: &Settings) -> Precautions {
         let minimum = AuditChances::of(settings.visibility_map.audit);
-        // Nobody learns from audits there, or pieces are to have the same whatever they are.
+        // No later sample learns from audits here; in a piece none may, since pieces must not depend on each other.
         if !settings.learns_from_shadow_rays() {
             return Precautions { audits: minimum, dilate: false };
         }
@@ -43,7 +45,8 @@ impl Precautions {
     }
 }
 
-/// By the mean share of mistakes after such audits; half a mistake more, as no scene is known to have none.
+/// The audit probability after `audited` audits, of which `wrong` contradicted the class. Half a mistake is added,
+/// because no scene is known to have none.
 fn chance(audited: f64, wrong: f64) -> f32 {
     let share = (wrong + 0.5) / (audited + EARLIER_AUDITS);
     (CHANCE_OF_SHARE * share.sqrt()) as f32

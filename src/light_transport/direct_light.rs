@@ -92,9 +92,9 @@ pub(crate) struct DirectLight {
     /// None while the map is being sorted again.
     bound: Option<Bound>,
     sizes: Sizes,
-    /// Pixels by which boundaries are widened; where it is none, mistakes decide.
+    /// Pixels by which boundaries are widened; `None`: as [`Precautions::dilate`] says.
     fixed_dilation: Option<u32>,
-    /// Those of the current batch; none without kernels for audits.
+    /// Those of the current batch; the default, without audits, if no kernel audits.
     precautions: Precautions,
     /// Photons that audits can add to the map.
     repair_capacity: u32,
@@ -246,7 +246,7 @@ impl DirectLight {
         self.bound.as_ref().expect("a map that could not be sorted ends the batch before")
     }
 
-    /// Guards classes like that from now on, where the kernels audit at all. Each batch needs it.
+    /// Sets audit probabilities and dilation for the next batch, if the kernels audit. Call it before each batch.
     pub fn set_precautions(&mut self, precautions: Precautions) {
         if self.kernels.audits {
             self.precautions = precautions;

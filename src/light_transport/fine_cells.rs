@@ -55,15 +55,16 @@ impl FineCellMap {
         self.classified_at = samples;
         let count = self.close_if_full(gpu)?;
         let mut frame = gpu.frame("fine cells");
-        // Once for cells to find the new ones around them, once for points.
+        // Once so that cells find their new neighbours, once so that points find the new classes.
         self.table.publish(&mut frame);
         frame.run(&self.classify, count, &());
         self.table.publish(&mut frame);
         Ok(frame.submit()?)
     }
 
-    /// A table that is three quarters full takes no new cells, so that searches stay short. Which cells found room
-    /// would depend on chance if it were full: it is emptied then. Returns the number of cells.
+    /// Closes a table that is more than three quarters full to new cells, so that searches stay short. Beyond 15/16
+    /// some cells may have found no entry, and which ones would depend on the order of invocations: the table is then
+    /// emptied. Returns the number of cells.
     fn close_if_full(&mut self, gpu: &Gpu) -> Result<u32> {
         let entries = self.view.mask + 1;
         let mut count = self.table.count(gpu)?;

@@ -20,7 +20,7 @@ use crate::scene::Camera;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 
-/// Maps that do not depend on the camera, of another view of the same scene. A map that is none is made.
+/// Maps of another view of the same scene that do not depend on the camera. If a map is `None`, it is made.
 #[derive(Default)]
 pub(crate) struct MadeMaps {
     pub visibility_map: Option<VisibilityMap>,

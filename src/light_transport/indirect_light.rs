@@ -29,7 +29,7 @@ pub(crate) struct IndirectSetup<'a> {
     pub settings: &'a Settings,
 }
 
-/// What is made of it already, for another view of the same scene. A part that is none is made.
+/// Parts of indirect light that another view of the same scene left. If a part is `None`, it is made.
 #[derive(Default)]
 pub(crate) struct MadeIndirect {
     pub map: Option<GlobalMap>,
@@ -39,7 +39,7 @@ pub(crate) struct MadeIndirect {
 /// The passes of indirect light whose time grows with the photons and gather rays of a stage.
 const RAY_PASSES: [&str; 4] = ["flux/", "grid/", "irradiance/", "gather/"];
 
-/// Seconds to make indirect light.
+/// Seconds that indirect light takes, as measured, by rays and by waves.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct IndirectCost {
     /// For each gather ray of a record, with the photons that go with it.
@@ -49,9 +49,9 @@ pub(crate) struct IndirectCost {
 }
 
 impl IndirectCost {
-    /// Of a wave of `rays` gather rays of each record that took `seconds` in all, during which passes took the
-    /// difference of these times. Where the device has no times of passes, all counts as that of rays, which foresees
-    /// too much.
+    /// From a wave of `rays` gather rays per record that took `seconds` in all; `before` and `after` are the times of
+    /// passes around it. If the device has no timestamps, all of the time counts as that of rays, which predicts too
+    /// much.
     pub fn new(seconds: f64, rays: u32, before: &BTreeMap<String, f64>, after: &BTreeMap<String, f64>) -> IndirectCost {
         let is_of_rays = |name: &str| RAY_PASSES.iter().any(|pass| name.starts_with(pass));
         let sum = |times: &BTreeMap<String, f64>| -> f64 {
@@ -61,7 +61,7 @@ impl IndirectCost {
         IndirectCost { ray: of_rays / f64::from(rays.max(1)), wave: seconds - of_rays }
     }
 
-    /// That of `waves` more, with `rays` gather rays of each record in all.
+    /// The expected seconds of `waves` more waves with `rays` gather rays per record in all.
     pub fn of(self, waves: u32, rays: u32) -> f64 {
         self.ray * f64::from(rays) + self.wave * f64::from(waves)
     }

@@ -28,13 +28,14 @@ use crate::statistics::totals::Totals;
 /// other's records, so the steps are small: a factor f makes up to f squared times as many records as needed.
 const SPACINGS: [u32; 9] = [32, 22, 16, 11, 8, 6, 4, 3, 2];
 
-/// Those beside the records of earlier waves, which leave few points without one: a spacing takes the same time however
-/// many records it adds. With all nine `scenes/crowd.glb` took 1.2 times as long with 4 and with 16 samples. Multiples
-/// of another look at the same points: with 8, 4 and 2 `scenes/materials.glb` had 1.15 times the error.
+/// Spacings when there are records of earlier waves, which leave few points without one: a spacing takes the same time
+/// however few records it adds. With all nine, `scenes/crowd.glb` took 1.2 times as long with 4 and with 16 samples. A
+/// spacing that is a multiple of another visits the same points: with 8, 4 and 2 `scenes/materials.glb` had 1.15 times
+/// the error.
 const LATER_SPACINGS: [u32; 3] = [4, 3, 2];
 
-/// Number of the nine spacings beside records of other views, in a picture that is seen for a moment: paths light the
-/// points that are left. With all nine `scenes/crowd.glb` had 2.9 pictures a second in the window, with six 12.
+/// How many of the nine spacings a preview uses besides the records of other views; paths light the remaining points.
+/// With all nine, `scenes/crowd.glb` had 2.9 pictures a second in the window; with six, 12.
 const SPACINGS_BESIDE_KEPT: usize = 6;
 
 /// Maximum radius of a record in pixels. Farther away, gradients miss detail between the records.
@@ -108,9 +109,9 @@ impl IrradianceCache {
         Ok(IrradianceCache { buffers, bound, records })
     }
 
-    /// Adds gather rays to each record until it has those of the settings, in waves of as many as it has; then shrinks
-    /// records whose gradients do not hold, leaves out those that others have come to cover, and places new ones where
-    /// others cover too little: more rays know the distances of surfaces better. Returns the [`BoundCache`] of the
+    /// Adds gather rays in waves, each of which doubles them, until each record has the number of the settings. Then
+    /// shrinks records whose gradients do not hold, drops those that others now cover, and places new ones where
+    /// coverage is too low, since more rays give better distances of surfaces. Returns the [`BoundCache`] of the
     /// records before.
     pub fn add_rays(&mut self, with: &Filling<'_>, totals: &mut Totals) -> Result<BoundCache> {
         let records = &mut self.records;

@@ -1,6 +1,6 @@
-//! Irradiance filtering (Kontkanen, Räsänen and Keller 2004): a record is averaged with the records around it that
-//! differ from it by no more than noise. All samples of a pixel share the noise of its records, so that more samples do
-//! not remove it, and no denoiser of the image knows of it.
+//! Irradiance filtering (Kontkanen, Räsänen and Keller 2004): a record is averaged with nearby records that differ from
+//! it by no more than noise. All samples of a pixel share the noise of its records, so more samples do not remove it,
+//! and denoisers of the image cannot see it.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -46,11 +46,13 @@ impl NoisyRecords<'_> {
         let grid = RecordGrid::new(self.heads, reach);
         let indices = || (0..self.heads.len()).into_par_iter();
         let members: Vec<Vec<Member>> = indices().map(|i| self.members(&grid, i, reach(i))).collect();
-        // Few rays tell a variance badly, and one that missed a small bright surface none of it.
+        // The variance of one record, from few rays, is a poor estimate, and 0 if the rays missed a small bright
+        // surface: it is averaged with its neighbours'.
         let variance = |i: usize| mean(&members[i], |member| f64::from(self.variances[member.index]));
         let of_record = |i: usize| Known { irradiance: self.irradiance(i), variance: variance(i) };
         let known: Vec<Known> = indices().map(of_record).collect();
-        // Records that were compared themselves would find those that err as they do.
+        // Means of near records are compared, not the records themselves: a record resembles most those that err in the
+        // same direction.
         let guides: Vec<Known> = indices().map(|i| known_of_all(&nearest(&members[i]), &known)).collect();
         let members: Vec<Vec<Member>> = indices().map(|i| resembling(&members[i], &guides, i, own_or_less)).collect();
         let values: Vec<f32> = indices().flat_map_iter(|i| self.mean_values(i, &members[i])).collect();
@@ -78,7 +80,8 @@ impl NoisyRecords<'_> {
             if share.is_nan() || share == 0.0 {
                 return self.values_of(i).to_vec();
             }
-            // The light of an outlier is for those that had none, too: else it would be lost.
+            // Both variances explain a difference, so that records without an outlier receive light of those with one:
+            // otherwise it would be lost.
             let wide = self.mean_values(i, &resembling(&members, &known, i, |own, other| own + other));
             self.values_of(i).iter().zip(wide).map(|(near, wide)| near + share as f32 * (wide - near)).collect()
         };
@@ -117,8 +120,8 @@ fn resembling(members: &[Member], guides: &[Known], i: usize, explained: impl Fn
     members.iter().map(weighed).collect()
 }
 
-/// The noise of two records, of which that of the other one counts no more than the own (Rousselle, Knaus and Zwicker
-/// 2012).
+/// The variance that explains a difference of two records; the other record's counts at most as much as the own
+/// (Rousselle, Knaus and Zwicker 2012).
 fn own_or_less(own: f64, other: f64) -> f64 {
     own + own.min(other)
 }

@@ -7,7 +7,7 @@ use crate::passes::gather::RecordHead;
 
 /// Irradiance records, as pass `gather` left them.
 pub(super) struct NoisyRecords<'a> {
-    /// Their sizes are those of pixels.
+    /// `size` is that of a pixel at the record, not its radius.
     pub heads: &'a [RecordHead],
     pub radii: &'a [f32],
     /// Variances of their irradiance, sums of the channels.

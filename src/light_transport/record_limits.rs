@@ -1,7 +1,8 @@
-//! How far a record's gradients hold. They know how surfaces that it sees move past each other, but neither how light
-//! behind glass or in mirrors does, nor that gradients change. So the records around are asked: where they differ by
-//! more than noise from what a record's gradients say, its radius shrinks, and points get records of their own. Rays
-//! reduce the noise, so with them come more and smaller records, and interpolation leaves no error in a long render.
+//! How far a record's gradients hold. They account for how the surfaces that the record sees move past each other, but
+//! not for light behind glass or in mirrors, nor for gradients that change. So each record is compared with those
+//! around it: where they differ by more than noise from what its gradients predict, its radius shrinks, and points get
+//! records of their own. Gather rays reduce the noise, so more rays bring more and smaller records, and interpolation
+//! leaves no error in a long render.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -17,7 +18,7 @@ const ALLOWED: f64 = 7.0;
 /// Relative error at the radius that is always allowed: far below what an image shows, and far above rounding.
 const ALWAYS_ALLOWED: f64 = 1e-3;
 
-/// No radius shrinks to less than this at once: what lies nearer, no record tells yet.
+/// A radius shrinks at most to half at a time: no record has shown yet what lies nearer.
 const MIN_SHARE: f64 = 0.5;
 
 /// How far gradients are off, from pairs of records.
@@ -32,8 +33,8 @@ struct Misfit {
 }
 
 impl NoisyRecords<'_> {
-    /// The radius at which each record's gradients err as much as is allowed; infinite where that is beyond the radius
-    /// that it has, or nothing tells.
+    /// The radius at which the error of each record's gradients is as large as allowed; infinite if that is beyond its
+    /// present radius, or if no record shows it.
     pub fn limits(&self) -> Vec<f32> {
         let grid = RecordGrid::new(self.heads, |i| self.radii[i]);
         let indices = || (0..self.heads.len()).into_par_iter();

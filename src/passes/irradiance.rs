@@ -44,8 +44,9 @@ bindings! {
 /// Photons of an estimate (k). With 64 its relative noise is an eighth, and a gather averages some hundred estimates.
 pub const IRRADIANCE_NEAREST: u32 = 64;
 
-/// Photons in a cell of the global map, on an evenly covered surface. The radius of an estimate's disc, sqrt(k / (pi
-/// density)), must not exceed the side of a cell: this takes k / pi photons in a cell, and a tenth more for safety.
+/// Photons in a cell of the global map, on an evenly covered surface. There the radius of an estimate's disc, sqrt(k /
+/// (pi density)), must not exceed the side of a cell: this takes k / pi photons in a cell, and a tenth more for safety.
+/// Where photons are sparse, discs are larger (MAX_REACH_WHERE_SPARSE in `shaders/irradiance.wgsl`).
 pub const MAP_PHOTONS_PER_CELL: f32 = 0.35 * IRRADIANCE_NEAREST as f32;
 
 /// Rays of the global map for each ray whose photons become irradiance points. A disc then holds eight irradiance

@@ -19,9 +19,9 @@ const MIN_SAMPLES: u32 = 8;
 /// samples have half of the error and less, so the gain by a further sample falls to a quarter.
 const ROUND_GAIN: f64 = 0.25;
 
-/// Fewest and most samples of a pixel where pixels share samples out, in doublings of the mean: half of it, and eight
-/// times. Estimates of the noise are rough, so no pixel may have much more of it than with equal numbers; and where all
-/// noise is on a few pixels, more than so many times the samples there gain little.
+/// Minimum and maximum samples of a pixel in adaptive sampling with a fixed budget, as doublings of the mean: half of
+/// it and eight times it. Estimates of noise are rough, so no pixel may have much more noise than with equal numbers.
+/// Where all noise is in a few pixels, more than eight times the samples gain little.
 const DOUBLINGS: [i32; 2] = [-1, 3];
 
 /// Pixels to each side of one whose noise tells how many samples it gets: edges are one or two pixels wide.
@@ -35,9 +35,9 @@ const MIN_VARIANCE: f64 = 1e-3;
 /// two of them some pixels are rounded up and others down, so that of equal pixels any part can get more.
 const ROUNDING: f64 = 0.25;
 
-/// Logarithms of shares are integers, of so many binary digits below the octave: a step is 0.07 % of a share, far less
-/// than estimates are exact to, and the search for the numbers that use up the samples takes a fifth of the time that
-/// it takes with floats.
+/// Binary digits after the point of the base-2 logarithms of shares, which are integers: a step is 0.07 % of a share,
+/// far finer than the estimates. The search for the numbers that use up the samples takes a fifth of the time that it
+/// takes with floats.
 const OCTAVE_BITS: i32 = 10;
 
 /// The samples of each block so far, and which ones are next.
@@ -193,8 +193,8 @@ impl Blocks {
         Next { block, target: self.samples[block as usize].saturating_mul(2).min(spp) }
     }
 
-    /// For each pixel the logarithm to base 2 of its share of the samples, in units of [`OCTAVE_BITS`], but for a
-    /// summand that all have in common; its octave rounded down is the one to take.
+    /// For each pixel the base-2 logarithm of its share of the samples, in units of [`OCTAVE_BITS`], up to a constant
+    /// that all pixels have in common. Rounded down to an octave, it gives the number of samples.
     fn logarithms_of_shares(&self, errors: &[f64]) -> Vec<i32> {
         let of_samples = |(error, samples): (&f64, &u32)| error.min(1.0) * f64::from(*samples);
         let variances: Vec<f64> = errors.iter().zip(&self.samples).map(of_samples).collect();

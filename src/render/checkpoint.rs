@@ -28,7 +28,7 @@ pub(super) struct Header {
     /// Fingerprint of scene, camera, settings and version.
     pub fingerprint: String,
     pub samples: u32,
-    /// Of photons and gather rays.
+    /// Stage of indirect light (photons and gather rays); see `stages.rs`.
     pub stage: i32,
     /// None before the first sample, and where no estimates tell the stage.
     pub growth: Option<GrowthHeader>,
@@ -36,7 +36,7 @@ pub(super) struct Header {
     pub batches: u32,
     /// How the next batch is shaded.
     pub shade_at_once: bool,
-    /// Whether photons of visibility are asked; none are before their trial, and after it if they did not pay.
+    /// Whether there is a visibility map: not before the trial of its photons, nor after it if they did not pay off.
     pub has_visibility_map: bool,
     pub totals: Totals,
     /// Number of photons that audits added to the map.

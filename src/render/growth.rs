@@ -3,18 +3,20 @@
 
 use super::denoise::RELMSE_FLOOR;
 
-/// The noise of samples of one sequence over that of independent ones with the same differences: points that avoid each
-/// other differ more than they err, in the mean of few samples by 0.31 over 0.72 (docs/decisions.md, "Denoising").
+/// Squared error of the mean of samples of one low-discrepancy sequence, over what the difference of its parts would
+/// give for independent samples: its points avoid each other, so its parts differ by more than the mean errs. It was
+/// 0.31 / 0.72 = 0.43 in the crowd with 4 samples, and 0.55 / 0.67 = 0.82 in the sphere by `path` with 16
+/// (docs/decisions.md, "Denoising").
 pub(super) const AVOIDANCE: f64 = 0.5;
 
-/// The image when gather rays were decided on last, and what is known of their error.
+/// The state at the last decision on gather rays: the image then, and the estimate of their error.
 #[derive(Clone)]
 pub(super) struct Growth {
     /// Samples of each pixel.
     pub samples: u32,
     /// Mean light of each pixel, and of its channels.
     pub means: Vec<f32>,
-    /// relMSE by the gather rays that there are; none before any were added.
+    /// relMSE due to the limited number of gather rays; `None` before any were added.
     pub error: Option<f64>,
 }
 
@@ -24,8 +26,8 @@ impl Growth {
         samples >= 2 * self.samples
     }
 
-    /// The relMSE of the image of `samples` samples with these means, but for what all samples share: their difference
-    /// to the fewer samples before is noise of both.
+    /// The estimated relMSE of the image of `samples` samples with these means, except for errors that all samples
+    /// share: the difference from the image of fewer samples is the noise of both.
     pub fn noise(&self, means: &[f32], samples: u32) -> f64 {
         let changes = means.iter().zip(&self.means).map(|(now, before)| relative_square(now - before, *now));
         let fewer = f64::from(self.samples);
@@ -33,17 +35,18 @@ impl Growth {
     }
 }
 
-/// The relMSE by gather rays, which are `factor` times as many as before they last became more, and then changed the
-/// means by `changes`. The square of the error of filtered records falls in inverse proportion to the rays
-/// (docs/decisions.md, "Filtered records"), so what twice as many have taken away is as much as is left.
+/// The relMSE due to gather rays after their number rose by `factor`, which changed the means by `changes`. The squared
+/// error of filtered records falls in inverse proportion to the rays (docs/decisions.md, "Filtered records"), so
+/// doubling them removes as much error as it leaves.
 pub(super) fn error_of_rays(changes: impl Iterator<Item = (f32, f32)>, factor: f64) -> f64 {
     mean(changes.map(|(change, mean)| relative_square(change, mean))) / (factor - 1.0)
 }
 
-/// Whether `factor` times as many rays gain more than more samples. With errors e and s that fall in proportion to the
-/// times t and u, e + s is least for a time t + u where the quotient of e / s and t / u is 1. The step divides the
-/// quotient by `factor` squared, and the samples until the next decision multiply it by four. So half of `factor` keeps
-/// it as far above 1 as below.
+/// Whether `factor` times as many gather rays reduce the error by more than further samples do. The errors e of gather
+/// rays and s of samples fall in inverse proportion to the times t and u spent on them. For a given t + u, e + s is
+/// smallest where q = (e / s) / (t / u) is 1. The step divides q by `factor` squared, and the samples until the next
+/// decision, which double, multiply it by 4. With the threshold of half of `factor`, q goes to 1 / q: as far below 1 as
+/// it was above.
 pub(super) fn wants_rays(error: f64, noise: f64, gather_rays: u64, other_rays: u64, factor: f64) -> bool {
     error * other_rays as f64 > 0.5 * factor * noise * gather_rays as f64
 }

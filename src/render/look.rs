@@ -15,10 +15,10 @@ use crate::specialisation::features::Feature;
 use crate::{Error, Result};
 
 impl Renderer<'_> {
-    /// Begins an image of the same scene through another camera, of `width` x `height` pixels. The hierarchy, the
-    /// scene on the device and the photons stay, which takes a small part of the time of [`Renderer::new`] where the
-    /// device keeps its kernels ([`keep_kernels`](kernel_kit::Gpu::keep_kernels)). The image has the bits of a new
-    /// renderer's of that size: photons of visibility are made where such a renderer would make them.
+    /// Begins an image of the same scene through another camera, of `width` x `height` pixels. The BVH, the GPU scene
+    /// and the photons are kept, so this takes a small part of the time of [`Renderer::new`] if the device keeps its
+    /// kernels ([`keep_kernels`](kernel_kit::Gpu::keep_kernels)). The image has the same bits as that of a new renderer
+    /// of that size: visibility photons are emitted if a new renderer would emit them.
     ///
     /// # Errors
     /// [`Error::Setting`] for a size out of range and for a piece, [`Error::Usage`] for a lens where the first camera
@@ -28,9 +28,10 @@ impl Renderer<'_> {
         self.begin_view(camera, size, false)
     }
 
-    /// As [`Renderer::look`], for an image that is seen for a moment while the camera moves: irradiance records of
-    /// glances before light it too, so that few are made. They depend on no camera, but where they lie is up to the
-    /// way of the camera, and so are the bits. Photons of visibility are those that there are already, if any.
+    /// As [`Renderer::look`], for a preview that is shown briefly while the camera moves. It also uses the irradiance
+    /// records of earlier previews, so that few are computed. Records do not depend on the camera, but their positions
+    /// depend on the path that the camera took, and so do the bits of the image. No visibility photons are emitted;
+    /// those of the last view are used, if there are any.
     ///
     /// # Errors
     /// As [`Renderer::look`].

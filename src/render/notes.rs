@@ -1,20 +1,26 @@
 //! Notes on a render that are known before its first sample.
 
+use super::stages::settings_of_stage;
 use crate::gpu_scene::GpuScene;
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::specialisation::features::{Feature, Features};
 use crate::statistics::Indirect;
 
-/// The notes, one line each.
+/// The notes, one line each. The settings are those that were given, and `stage` is that of the first sample.
 pub(super) fn notes(
     scene: &Scene,
     settings: &Settings,
+    stage: i32,
     features: &Features,
     indirect: &Indirect,
     gpu_scene: &GpuScene,
 ) -> Vec<String> {
     let mut notes = Vec::new();
+    let unused = settings.unused();
+    if !unused.is_empty() {
+        notes.push(format!("the technique {} does not use {}", settings.technique, unused.join(", ")));
+    }
     let (lights, wanted) = (scene.placed_lights().len(), settings.photons_per_light());
     let emitted = settings.photons_of_light(lights);
     if features.has(Feature::VisibilityMap) && emitted < wanted {
@@ -29,7 +35,7 @@ pub(super) fn notes(
         let shown = if environment.is_some() { "is the environment alone" } else { "is empty" };
         notes.push(format!("the scene has no triangles: the image {shown}"));
     }
-    let wanted = u64::from(settings.flux_photons());
+    let wanted = u64::from(settings_of_stage(settings, stage).flux_photons());
     // Rounding per light removes a few rays. Only a lack of device memory leaves less than half.
     if indirect.emitted > 0 && indirect.emitted <= wanted / 2 {
         let emitted = indirect.emitted;

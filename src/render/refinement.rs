@@ -43,8 +43,8 @@ impl Renderer<'_> {
         has_records && grows(&self.settings)
     }
 
-    /// Goes on to the stage that the next sample needs, and beyond while estimates ask for it, as far as `fits` allows
-    /// the steps.
+    /// Advances indirect light to the stage that the next sample needs, and further while estimates favour gather rays,
+    /// as long as `fits` allows the step.
     pub(super) fn refine(&mut self, fits: &mut dyn FnMut(&Self, Step) -> bool) -> Result<()> {
         let start = Instant::now();
         let due = self.due_stage();
@@ -64,7 +64,7 @@ impl Renderer<'_> {
         self.stage < self.due_stage() || (self.estimates_growth() && self.stage < LAST_STAGE && grows())
     }
 
-    /// Goes on to a stage by way of those before it, without a film that needs to follow.
+    /// Advances stage by stage up to `stage`. Summed samples are not corrected.
     pub(super) fn restore_stage(&mut self, stage: i32) -> Result<()> {
         while self.stage < stage {
             self.add_rays(self.next_stage().min(stage))?;
@@ -72,8 +72,8 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// The stage after the one so far. Where there is an estimate it is the second one: each takes a while beside its
-    /// rays, for maps, filters and new places.
+    /// The next stage. Once there is an estimate, stages are taken two at a time, as each has a fixed cost besides its
+    /// rays: a map, filtering, and new positions of records.
     pub(super) fn next_stage(&self) -> i32 {
         let is_known = self.estimates_growth() && self.stage > self.first_stage();
         (self.stage + if is_known { 2 } else { 1 }).min(LAST_STAGE)
@@ -89,7 +89,7 @@ impl Renderer<'_> {
         (self.stage + 1..=self.next_stage()).rev().find(fits)
     }
 
-    /// How many times the gather rays are those that there are now.
+    /// The factor by which `stage` multiplies the present number of gather rays.
     fn factor_to(&self, stage: i32) -> f64 {
         f64::from(stage - self.stage).exp2()
     }
@@ -178,9 +178,9 @@ impl Renderer<'_> {
         Ok(before)
     }
 
-    /// Adds the difference of the irradiance records to those `before` to all samples so far. Within a pixel it hardly
-    /// changes, and one sample of each tells it; if not, samples with fewer rays would be a part of the image for good.
-    /// Returns the mean of the channels of each difference.
+    /// Adds the change of the irradiance records since `before` to all samples so far. Otherwise the samples with fewer
+    /// gather rays would stay in the image for good. The change hardly varies within a pixel, so it is computed for one
+    /// sample of each. Returns the mean of its channels for each pixel.
     fn correct_samples(&mut self, before: &BoundCache) -> Result<Vec<f32>> {
         let mut changes = Vec::new();
         let (Some(indirect), Some(change)) = (&self.lighting.indirect, &self.buffers.radiance_indirect) else {

@@ -38,15 +38,16 @@ pub struct Renderer<'g> {
     pub(super) gpu: &'g Gpu,
     pub(super) scene: Scene,
     pub(super) camera: Camera,
-    /// Of the view; [`Renderer::settings`] but for its size and, in a glance, its photons.
+    /// The settings of this view: as [`Renderer::settings`], except for the image's size and, in a preview, the number
+    /// of photons.
     pub(super) settings: Settings,
-    /// As they were given; none for the number that the image's size asks for.
+    /// Visibility photons per light that the user requested; `None`: the number follows from the size of the image.
     pub(super) requested_photons: Option<u32>,
     pub(super) specialisation: Specialisation,
     pub(super) notes: Vec<String>,
     pub(super) gpu_scene: GpuScene,
     pub(super) primary: BoundPrimary,
-    /// Kept to change samples that there are.
+    /// Kept to correct samples that are already summed.
     pub(super) film: Film,
     /// The parts that the technique's first pass made.
     pub(super) lighting: Lighting,
@@ -54,35 +55,35 @@ pub struct Renderer<'g> {
     pub(super) indirect_kernels: IndirectKernels,
     /// How many photons and gather rays there are so far; see `stages.rs`.
     pub(super) stage: i32,
-    /// What tells when there are more gather rays; none before the first sample.
+    /// What decides when records get more gather rays; `None` before the first sample.
     pub(super) growth: Option<Growth>,
-    /// The global map of the first stage, for the next view: none while that is the map in use, and before the renderer
-    /// looked a second time.
+    /// The global map of the first stage, for the next view. `None` while that map is in use, and before
+    /// [`Renderer::look`] was called.
     pub(super) first_map: Option<GlobalMap>,
-    /// The irradiance records of glances before, unless they are in use.
+    /// The irradiance records of earlier previews, unless they are in use.
     pub(super) kept_records: Option<Records>,
-    /// Whether the view is a glance, whose records are those of other views as well.
+    /// Whether the view is a preview ([`Renderer::glance`]), which also uses the records of earlier previews.
     pub(super) is_glance: bool,
-    /// Whether it has looked a second time, and may do so again.
+    /// Whether other views preceded this one.
     pub(super) has_other_views: bool,
     pub(super) buffers: TileBuffers,
     pub(super) tiles: Vec<TileFilm>,
     pub(super) tile_size: TileSize,
-    /// Samples of the pixels that have most, or of a pixel in the mean where noise shares them out.
+    /// Samples per pixel: the maximum over the pixels with `ImageSettings::noise`, the mean with `Sampling::Adaptive`.
     pub(super) samples: u32,
     /// Which pixels get samples, if some get more than others.
     pub(super) blocks: Option<Blocks>,
-    /// What told whether there are more gather rays, for the decision on samples that follows.
+    /// Estimated errors of pixels that decided on gather rays, kept for the decision on samples that follows.
     pub(super) errors: Option<PixelErrors>,
     /// See [`crate::passes::shade::ShadeParameters::at_once`].
     pub(super) shade_at_once: bool,
-    /// The specialisation with photons of visibility, while the first sample is to tell whether they pay: see
+    /// The specialisation with visibility photons, until the first sample has shown whether they pay off; see
     /// [`Renderer::begin_trial`].
     pub(super) with_photons: Option<Specialisation>,
     /// Calls of [`Renderer::render_batch`] so far.
     pub(super) batches: u32,
     pub(super) totals: Totals,
-    /// One sample of every pixel, by the last batch; none before the first.
+    /// Seconds of one sample of every pixel, by the last batch; `None` before the first batch.
     pub(super) seconds_per_sample: Option<f64>,
     /// Seconds that the last decision took on which pixels get more samples, where they share them out.
     pub(super) seconds_to_share: Option<f64>,
@@ -189,7 +190,7 @@ impl<'g> Renderer<'g> {
         let shade_at_once = settings.image.piece.is_some() && features.has(Feature::Glossy);
         let piece_sums = settings.image.piece.map(|piece| PieceSums::new(&buffers, &settings.image, piece));
         Ok(Renderer {
-            notes: notes(&scene, &settings_of_stage(settings, stage), features, &totals.indirect, &gpu_scene),
+            notes: notes(&scene, settings, stage, features, &totals.indirect, &gpu_scene),
             gpu,
             scene,
             camera: camera.clone(),

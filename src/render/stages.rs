@@ -9,28 +9,28 @@ const PREVIEW_STAGE: i32 = -4;
 /// Sixteen times the photons and gather rays of the settings: by default a million photons, and some thousand rays.
 pub(super) const LAST_STAGE: i32 = 4;
 
-/// Samples per pixel from which on there are more photons and gather rays than those of the settings, where no estimate
-/// tells. Each time the samples double, so do they: indirect light then takes about the same part of the time however
-/// long a render is.
+/// Half of the samples per pixel from which on there are more photons and gather rays than those of the settings (24),
+/// where no estimate decides. Each time the samples double, so do they, so that indirect light takes about the same
+/// share of the time however long the render is.
 const SAMPLES_OF_SETTINGS: f64 = 12.0;
 
-/// Whether indirect light may grow from few gather rays on: numbers that the user requested hold from the first sample
-/// on, and so do the photons of a map that is shown, where fewer would blur the image. A piece shows no preview, and
-/// where some pixels get more samples than others, some may never get any more.
+/// Whether indirect light may begin with few gather rays and grow. Not if the user requested numbers, which hold from
+/// the first sample on; not for a map that is shown, which fewer photons would blur; not in a piece, which has no
+/// preview; and not with `ImageSettings::noise`, where some pixels may get no samples after the first ones.
 pub(super) fn grows(settings: &Settings) -> bool {
     let Settings { indirect, image, technique, .. } = settings;
     let requested = indirect.photons.is_some() || indirect.irradiance_cache.gather_rays.is_some();
     !requested && !technique.shows_map() && image.piece.is_none() && image.noise.is_none()
 }
 
-/// The least stage of the samples that follow the first `samples`. If it `is_estimated` what stages gain, the estimates
-/// alone tell which are reached after the first.
+/// The minimum stage of the samples that follow the first `samples`. With `is_estimated`, estimates alone decide on the
+/// stages after the first.
 pub(super) fn stage(settings: &Settings, samples: u32, is_estimated: bool) -> i32 {
     let first = if grows(settings) && (is_estimated || samples == 0) { PREVIEW_STAGE } else { 0 };
     if is_estimated {
         return first;
     }
-    // Minus infinity is the least integer.
+    // log2(0) is minus infinity, which `as` turns into `i32::MIN`.
     let doublings = (f64::from(samples) / SAMPLES_OF_SETTINGS).log2().floor() as i32;
     doublings.clamp(first, LAST_STAGE)
 }

@@ -7,22 +7,22 @@ use super::renderer::Renderer;
 use super::stages::settings_of_stage;
 use crate::Result;
 
-/// Largest share of the time left that better indirect light may take: what it gains is in the samples that follow it.
-/// With half of it, half as many of these fit as without.
+/// Maximum share of the remaining time that better indirect light may take. It improves the samples that follow, and
+/// with half of the time spent, half as many of these fit.
 const REFINEMENT_SHARE: f64 = 0.5;
 
-/// As [`REFINEMENT_SHARE`], where gather rays will still leave more error than samples do, so that further samples gain
-/// little. What is left is for steps that take longer than expected.
+/// As [`REFINEMENT_SHARE`], if gather rays still leave more error than samples do, so that further samples gain little.
+/// The last quarter is kept for steps that take longer than expected.
 const DOMINANT_SHARE: f64 = 0.75;
 
-/// So many times the samples for which photons pay must still fit, as composing their kernels takes part of the time.
-/// Without this margin `scenes/box.glb` had 1.6 times the error of `two-pass` after a second, with it 1.1 times
-/// (docs/decisions.md, "Photons where the time allows").
+/// This many times the samples for which photons pay off must still fit, because composing their kernels takes part of
+/// the time. Without this margin `scenes/box.glb` had 1.6 times the error of `two-pass` after a second; with it, 1.1
+/// times (docs/decisions.md, "Photons where the time allows").
 const MARGIN_FOR_KERNELS: u32 = 2;
 
-/// A sample of pixels that share samples out takes so many times as long as one of all pixels, before any was measured:
-/// pixels in penumbrae trace more rays than others (1.1 to 2.7 times in seven scenes; docs/decisions.md, "Samples
-/// shared out"). To decide on the first of them takes about as long as a sample of all pixels.
+/// Expected time of a sample whose pixels are chosen by adaptive sampling, over that of one sample of all pixels, until
+/// it has been measured: pixels in penumbrae trace more rays (1.1 to 2.7 times in seven scenes; docs/decisions.md,
+/// "Samples shared out"). The first decision on pixels takes about as long as a sample of all pixels.
 const SHARED_SAMPLE: f64 = 2.0;
 
 /// What samples are expected to take.

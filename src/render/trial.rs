@@ -1,4 +1,4 @@
-//! The trial of visibility photons: whether they are made, and whether they decide enough points to be asked further.
+//! The trial of visibility photons: whether they are emitted, and whether they decide enough points to be kept.
 
 use std::mem;
 use std::time::Instant;
@@ -17,8 +17,8 @@ use crate::specialisation::features::Feature;
 use crate::statistics::Points;
 
 impl Renderer<'_> {
-    /// Decides after the first sample, which traces all shadow rays, whether there are photons from then on: whether
-    /// they pay in a render that is expected to end with `spp` samples per pixel. It waits where they only lack time,
+    /// After the first sample, which traces all shadow rays, decides whether photons pay off in a render that is
+    /// expected to end with `spp` samples per pixel, and emits them if so. If only time is lacking, the decision waits,
     /// as there may be more of it later.
     pub(super) fn begin_trial(&mut self, spp: u32) -> Result<()> {
         if self.samples == 0 || self.with_photons.is_none() {
@@ -46,7 +46,7 @@ impl Renderer<'_> {
         Some(move |gpu: &Gpu| DirectKernels::new(gpu, &features, &constants, &settings).map(|_| ()))
     }
 
-    /// Makes the photons of visibility that are on trial, and asks them from now on.
+    /// Emits the visibility photons that are on trial. They classify points from the next sample on.
     fn make_photons(&mut self) -> Result<()> {
         let Some(specialisation) = self.with_photons.clone() else { return Ok(()) };
         let start = Instant::now();
@@ -76,7 +76,7 @@ impl Renderer<'_> {
         let steps = [FirstPass::make_visibility_map, FirstPass::make_fine_cells, FirstPass::make_direct_light];
         let made = steps.into_iter().try_for_each(|step| step(&mut first_pass));
         self.lighting = first_pass.lighting;
-        // After an error they are still to be made: the next batch tries again.
+        // After an error `with_photons` stays set, so the next batch tries again.
         made?;
         gpu.wait("photons")?;
         self.totals.frame_bytes += self.lighting.frame_bytes().saturating_sub(bytes);
@@ -87,7 +87,7 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// Takes the state of the trial of a render with `samples` samples per pixel, which has photons or does not.
+    /// Restores the trial of a render that has `samples` samples per pixel, with photons or without.
     pub(super) fn restore_trial(&mut self, samples: u32, has_photons: bool) -> Result<()> {
         if has_photons {
             return self.make_photons();
@@ -98,7 +98,8 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// Ends the trial after its last batch, before which pixels had `samples` and points had been `counted`.
+    /// Ends the trial after its last batch. Before that batch pixels had `samples` samples, and `counted` points were
+    /// classified.
     pub(super) fn end_trial(&mut self, samples: u32, counted: &Points) -> Result<()> {
         let ends = samples < TRIAL_SAMPLES && self.samples >= TRIAL_SAMPLES;
         if !ends || !is_on_trial(&self.specialisation, &self.settings) {

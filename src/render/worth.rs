@@ -1,4 +1,5 @@
-//! What photons of visibility are worth to a render: by its first sample, and by the points that they decide.
+//! Whether visibility photons pay off: predicted from the first sample, and checked by the share of points that they
+//! decide.
 
 use crate::scene::{Camera, Scene};
 use crate::settings::{Settings, Technique};
@@ -8,10 +9,10 @@ use crate::specialisation::visibility::{SAMPLES_OF_MAP, SHADOW_RAYS_OF_MAP};
 use crate::statistics::totals::Totals;
 use crate::statistics::{Counter, Points};
 
-/// Share of shadow rays from points in a penumbra, of all shadow rays, from which on no photons are made. Such points
-/// trace shadow rays whatever photons say, and so do points around them. It was 0.13 to 0.39 in a scene and in five
-/// models where 64 samples with photons took 0.97 to 1.4 times as long as those of `two-pass`, and 0 to 0.09 in all
-/// others that were measured (docs/decisions.md).
+/// Share of shadow rays that start at penumbra points, from which on no photons are emitted. Such points, and those
+/// around them, trace shadow rays in any case. The share was 0.13 to 0.39 in one scene and five models where 64 samples
+/// with photons took 0.97 to 1.4 times as long as with `two-pass`, and 0 to 0.09 in all others that were measured
+/// (docs/decisions.md).
 const MAX_PENUMBRAE: f64 = 0.11;
 
 /// Samples per pixel after which photons must be expected to decide [`MIN_DECIDED`] of the points. The shadow rays of
@@ -32,10 +33,11 @@ const MIN_DECIDED_OF_SHARED: f64 = 0.4;
 /// the trial's last samples with this part of its growth since the samples before (docs/decisions.md).
 const FURTHER_GROWTH: f64 = 0.5;
 
-/// What makes photons dearer than the shadow rays that they may save; none if they are worth a trial. The totals are
-/// those of `samples` samples, one or more, that traced all shadow rays, in a render that ends with `spp` samples.
+/// Why photons would cost more than the shadow rays that they save; `None` if they are worth a trial. `totals` are
+/// those of the first `samples` samples (at least one), all of which traced all shadow rays, in a render of `spp`
+/// samples.
 pub(super) fn problem_of_photons(totals: &Totals, samples: u32, spp: u32) -> Option<&'static str> {
-    // As of a render whose first sample is the last of these.
+    // The render from the last of these samples on, as if that were its first.
     let spp = spp.saturating_sub(samples - 1);
     let traced = totals.get(Counter::ShadowRays) as f64;
     if traced / f64::from(samples) * f64::from(spp) < SHADOW_RAYS_OF_MAP || spp < SAMPLES_OF_MAP {
@@ -45,8 +47,8 @@ pub(super) fn problem_of_photons(totals: &Totals, samples: u32, spp: u32) -> Opt
     (of_penumbrae >= MAX_PENUMBRAE * traced).then_some("many points are in penumbrae")
 }
 
-/// Whether photons will decide enough points: by those of the first `samples` samples, of which the very first had no
-/// photons, and those of all samples so far. `is_shared` says whether pixels share samples out.
+/// Whether photons will decide enough points. `counted` has the points of the first `samples` samples, of which the
+/// first had no photons; `points` has those of all samples so far. `is_shared`: adaptive sampling with a fixed budget.
 pub(super) fn decide_enough(counted: &Points, samples: u32, points: &Points, is_shared: bool) -> bool {
     let share = |decided: u64, total: f64| decided as f64 / total.max(1.0);
     let tried = f64::from(samples - 1) / f64::from(samples);
@@ -56,13 +58,13 @@ pub(super) fn decide_enough(counted: &Points, samples: u32, points: &Points, is_
     last + FURTHER_GROWTH * (last - first) >= if is_shared { MIN_DECIDED_OF_SHARED } else { MIN_DECIDED }
 }
 
-/// Whether such a render has photons of visibility if they prove that they save time.
+/// Whether visibility photons are on trial in such a render.
 pub(super) fn is_on_trial(specialisation: &Specialisation, settings: &Settings) -> bool {
     specialisation.features.has(Feature::FineCells) && settings.tries_photons()
 }
 
-/// The specialisation of the first sample, and that of the samples after it if photons pay: none if they are made in
-/// any case, or not at all. `settings` are those of the specialisation.
+/// The specialisation of the first sample, and that of later samples if photons pay off: `None` if photons are emitted
+/// in any case or never. `settings` are those of the specialisation.
 pub(super) fn of_first_sample(
     specialisation: Specialisation,
     scene: &Scene,
@@ -76,7 +78,8 @@ pub(super) fn of_first_sample(
     (without_photons(&specialisation, scene, camera, settings, reason), Some(specialisation))
 }
 
-/// The same render without photons of visibility, for that `reason`: with the kernels of `two-pass` for direct light.
+/// The same render without visibility photons: direct light by the kernels of `two-pass`. `reason` is that in the list
+/// of what was left out.
 pub(super) fn without_photons(
     specialisation: &Specialisation,
     scene: &Scene,

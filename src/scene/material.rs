@@ -426,11 +426,14 @@ impl Reader<'_, '_> {
             m = Material { metallic_roughness_texture, ..m };
         }
         let cutoff = json.number_in("alphaCutoff", 0.5, 0.0..)?;
-        m.alpha = match json.get("alphaMode")?.map(|mode| mode.string()).transpose()? {
-            Some("MASK") => AlphaMode::Mask { cutoff },
-            Some("BLEND") => AlphaMode::Blend,
-            _ => AlphaMode::Opaque,
-        };
+        if let Some(mode) = json.get("alphaMode")? {
+            m.alpha = match mode.string()? {
+                "OPAQUE" => AlphaMode::Opaque,
+                "MASK" => AlphaMode::Mask { cutoff },
+                "BLEND" => AlphaMode::Blend,
+                other => return Err(mode.error(format!("is '{other}', not OPAQUE, MASK or BLEND"))),
+            };
+        }
         m.double_sided = json.get("doubleSided")?.map_or(Ok(false), |d| d.boolean())?;
         m.unlit = json.extension("KHR_materials_unlit")?.is_some();
         if m.unlit {

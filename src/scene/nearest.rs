@@ -1,5 +1,5 @@
-//! The nearest surface along a ray, for what is asked about a few rays: a picked pixel, the focus of a lens, or how
-//! much of the view is empty.
+//! The nearest surface along a ray, for queries of few rays: a picked pixel, the focus of a lens, the empty share of a
+//! view.
 
 use std::ops::{Range, RangeInclusive};
 

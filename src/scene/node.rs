@@ -133,6 +133,15 @@ fn scene_roots(
     Ok(roots)
 }
 
+/// Largest difference from 0 0 0 1 in the last row of an affine matrix. Exporters that invert matrices in f32 leave
+/// some units in the last place of 1, which are 1.2e-7 each.
+const LAST_ROW_TOLERANCE: f64 = 1e-5;
+
+/// Whether `row` is the last row of an affine matrix, but for rounding.
+pub(super) fn is_last_row(row: [f64; 4]) -> bool {
+    row.into_iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(found, wanted)| (found - wanted).abs() < LAST_ROW_TOLERANCE)
+}
+
 fn local_matrix(node: &Json) -> Result<DAffine3> {
     let parts = [node.get("translation")?, node.get("rotation")?, node.get("scale")?];
     if let Some(matrix) = node.get("matrix")? {
@@ -140,7 +149,7 @@ fn local_matrix(node: &Json) -> Result<DAffine3> {
             return Err(node.error("has both a matrix and a translation, rotation or scale"));
         }
         let m = matrix.numbers::<16>()?;
-        if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
+        if !is_last_row([m[3], m[7], m[11], m[15]]) {
             return Err(matrix.error("its last row is not 0 0 0 1"));
         }
         let column = |i: usize| DVec3::new(m[4 * i], m[4 * i + 1], m[4 * i + 2]);

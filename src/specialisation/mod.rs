@@ -1,6 +1,7 @@
 //! The specialisation of a render: the only place that decides which modules and branches the kernels contain, which
-//! buffers exist and which passes run. It decides in steps: by scene and settings ([`Specialisation::new`]) and by
-//! camera, all that a plan uses, by hierarchy and device, by the light tables, and by the pilot samples.
+//! buffers exist and which passes run. It decides in steps: first by scene, settings and camera
+//! ([`Specialisation::new`]), which is all that a plan uses; then by BVH and device, by the light tables, and by the
+//! first samples.
 
 mod bsdf_rays;
 mod decisions;

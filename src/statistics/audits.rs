@@ -43,7 +43,8 @@ impl Audits {
             audits.wrong += stratum.wrong;
             let found = stratum.found;
             audits.miss_bias += stratum.share * found;
-            // As wide, relative to the estimate, as if all batches had been audited alike.
+            // The interval has the same width relative to the estimate as if all batches had been audited with one
+            // probability.
             let scale = if stratum.wrong == 0 { 1.0 } else { found * stratum.audited as f64 / stratum.wrong as f64 };
             let [low, high] = jeffreys(stratum.wrong, stratum.audited).map(|end| scale * end);
             below += (stratum.share * (found - low)).powi(2);
@@ -68,8 +69,8 @@ pub(crate) fn wilson(part: u64, whole: u64) -> (f64, f64) {
     ((p + Z * Z / (2.0 * n)) / scale, Z / scale * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt())
 }
 
-/// From so many of both kinds on Wilson's interval stands for that of Jeffreys, from which it differs by a fiftieth of
-/// its width or less: the continued fraction of the beta distribution takes more and more steps.
+/// If there are this many of both kinds, Wilson's interval is used for that of Jeffreys: they differ by a fiftieth of
+/// their width or less, and the continued fraction of the beta distribution would need more and more steps.
 const MANY: u64 = 1000;
 
 /// The interval of Jeffreys at 95 % of a share, estimated by `part` of `whole` (Brown, Cai and DasGupta 2001): for the

@@ -110,6 +110,19 @@ pub struct Points {
     pub fill_seen: f64,
 }
 
+impl Points {
+    /// The share of shadow rays that were not traced, with audits counted as rays. `None` if no point was decided or no
+    /// ray was traced. It assumes as many light points at each point as where shadow rays were traced.
+    pub fn saved_shadow_rays(&self, rays: &Rays) -> Option<f64> {
+        let (traced, undecided) = (rays.shadow + rays.audit, self.boundary + self.unknown);
+        if self.lit + self.shadowed == 0 || traced == 0 {
+            return None;
+        }
+        let rays_of_point = if undecided > 0 { rays.shadow as f64 / undecided as f64 } else { 1.0 };
+        Some((1.0 - traced as f64 / (self.total as f64 * rays_of_point)).max(0.0))
+    }
+}
+
 /// Photons of a light.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LightPhotons {
@@ -232,7 +245,7 @@ pub struct Times {
 pub struct Memory {
     /// The scene's tables: BVH, surfaces, textures, lights.
     pub scene: u64,
-    /// Photons, their grids, irradiance records.
+    /// Photons, their grids, lists of zones, irradiance points and records.
     pub photons: u64,
     /// Points, classes, radiance, film.
     pub frame: u64,
@@ -253,4 +266,22 @@ pub struct SceneCounts {
     pub images: u64,
     /// Deepest path in the BVH.
     pub bvh_depth: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Points, Rays};
+
+    /// Ten points of four light points each, of which two trace shadow rays and two of the others are audited.
+    #[test]
+    fn saved_shadow_rays_count_audits_as_rays() {
+        let points = Points { total: 10, lit: 5, shadowed: 3, boundary: 1, unknown: 1, ..Points::default() };
+        let rays = Rays { shadow: 8, audit: 2, ..Rays::default() };
+        assert_eq!(points.saved_shadow_rays(&rays), Some(0.75));
+        assert_eq!(points.saved_shadow_rays(&Rays::default()), None, "no ray");
+        let undecided = Points { total: 2, unknown: 2, ..Points::default() };
+        assert_eq!(undecided.saved_shadow_rays(&rays), None, "no class");
+        let decided = Points { total: 8, lit: 8, ..Points::default() };
+        assert_eq!(decided.saved_shadow_rays(&Rays { audit: 2, ..Rays::default() }), Some(0.75), "one light point");
+    }
 }

@@ -53,46 +53,50 @@ mod seconds {
 /// Cores for which these were measured.
 const MEASURED_CORES: f64 = 2.0;
 
-/// The default technique is tried where there is so many times the expected time of its first sample: in rooms that one
-/// has a twentieth of the error that `path` has by then, which is worth to be late by a tenth of the time.
+/// The default technique is used if the time is at least this multiple of the expected time of its first sample. It is
+/// below 1: in rooms that sample has a twentieth of the error that `path` reaches by then, which is worth ending late
+/// by a tenth of the time.
 const MIN_TIMES: f64 = 0.9;
 
-/// As [`MIN_TIMES`], in the open. A single sample of the crowd has 4.5 times the error of the eight of `path` that are
-/// there by then, one of the ball about the same as eleven; the samples after it take little time.
+/// As [`MIN_TIMES`], in open scenes. In the crowd a single sample has 4.5 times the error of the eight samples that
+/// `path` has by then; in the scene with the ball it has about that of eleven. The samples after it take little time.
 const MIN_TIMES_IN_THE_OPEN: f64 = 1.4;
 
-/// Pixels share samples out where there is so many times the expected time of the first sample. In less time hardly
-/// more than four samples fit, and the estimates that tell who gets them, each of which takes half as long as a sample,
-/// cost as much as they gain.
+/// Adaptive sampling is used if the time is at least this multiple of the expected time of the first sample. In less
+/// time hardly more than four samples fit. The noise estimates that it needs each take half as long as a sample, and
+/// then cost as much as they gain.
 const MIN_TIMES_TO_SHARE: f64 = 2.6;
 
-/// For a model by itself `path` has less error, or about the same, up to about so many times the expected time of the
-/// first sample of the default technique (docs/decisions.md, "Models by themselves").
+/// For a model by itself `path` has less error, or about the same, up to about this multiple of the expected time of
+/// the first sample of the default technique (docs/decisions.md, "Models by themselves").
 const MAX_TIMES_OF_PATHS: f64 = 5.0;
 
-/// As [`MAX_TIMES_OF_PATHS`], where a panorama is the only light. At about so many times `path` has 0.7 to 0.95 of the
-/// error, and at sixty about the same.
+/// As [`MAX_TIMES_OF_PATHS`], if a panorama is the only light. At about this multiple `path` has 0.7 to 0.95 of the
+/// error of the default technique, and at sixty about the same error.
 const MAX_TIMES_OF_PATHS_UNDER_A_SKY: f64 = 25.0;
 
-/// Samples of `path` that a model by itself has in the expected time of the first sample of the default technique: 5 to
-/// 11 with times of 4 to 30 s. A limit of fewer samples ends the render before its time, and then each of them counts.
+/// Samples that `path` takes of a model by itself in the expected time of the first sample of the default technique: 5
+/// to 11 were measured with times of 4 to 30 s. If fewer samples are requested, the render ends early, and `path` is
+/// not used: one of its samples has no less noise than one of the default technique.
 const MAX_PATHS_IN_FIRST_SAMPLE: f64 = 13.0;
 
 /// As [`MIN_TIMES_TO_SHARE`], for `path` and a model by itself. The first sample of `path` takes about half as long.
 const MIN_TIMES_TO_SHARE_PATHS: f64 = 1.7;
 
 impl Choice {
-    /// The technique for an image that is to be there `within` so many seconds of now, when the scene is imported, if
-    /// it is to be at a time. First samples take `slowness` times what is expected, 1 where nothing is known.
+    /// The technique for an image that must be ready within `within` seconds from now, when the scene is imported;
+    /// `None`: no limit. `slowness`: time of first samples on this machine over the expected time, 1 if nothing is
+    /// known.
     ///
-    /// That is the default technique: of many samples it has made the smallest error in all scenes that were measured.
-    /// Only its first sample comes later than that of paths, which need neither photons nor records.
+    /// The default technique had the smallest error of many samples in all scenes that were measured. But its first
+    /// sample comes later than that of `path`, which needs neither photons nor records.
     ///
-    /// For a model before an empty background `path` is taken for longer, as its samples cost little there: but not if
-    /// all samples that are asked for are there sooner, as one of the default technique has no more noise.
+    /// For a model in front of an empty background `path` is used for longer, because its samples cost little there.
+    /// The exception is a render that is complete sooner, as one sample of the default technique has no more noise than
+    /// one of `path`.
     ///
-    /// Pixels share samples out, which at equal time takes up to half of the error away (docs/decisions.md,
-    /// "Samples shared out"). Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
+    /// Adaptive sampling removes up to half of the error at equal time (docs/decisions.md, "Samples shared out").
+    /// Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,

@@ -55,7 +55,7 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
         frame.look_up_map_cells(&lights);
         frame.classify_requested_cells();
         frame.query_photons(&lights);
-        // Not in the paper: otherwise faint penumbrae of wide lights would be missed.
+        // Not in the paper: without dilation, faint penumbrae of wide lights would be missed.
         frame.dilate_boundaries(&lights);
         // "It is only in case 3 that the use of shadow rays is beneficial."
         frame.trace_shadow_rays(&lights);

@@ -98,7 +98,7 @@ impl Overlay {
         matches!(self, Overlay::Classes | Overlay::Photons | Overlay::Cells)
     }
 
-    /// Whether it needs photons of visibility, which small pictures have only then.
+    /// Whether it needs visibility photons. Small pictures have none otherwise.
     pub fn shows_photons(self) -> bool {
         matches!(self, Overlay::Photons | Overlay::Cells)
     }

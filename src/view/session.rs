@@ -230,7 +230,7 @@ pub struct Snapshot {
     pub has_panorama: bool,
     /// The last message, an error or what was done.
     pub message: Option<String>,
-    /// What is at the pixel that was asked about last.
+    /// What is at the pixel that was clicked last.
     pub picked: Option<Picked>,
 }
 
@@ -756,7 +756,7 @@ impl<'g> Session<'g> {
         self.render = None;
         // Another render may have other photons.
         self.state.picked.iter_mut().for_each(|picked| picked.nearest = None);
-        // A small picture comes first, as while the camera moves; photons of visibility only after it.
+        // A small picture comes first, as while the camera moves; visibility photons come after it.
         let size = self.state.divided_size(FIRST_DIVISOR);
         let renderer = Renderer::with_glance(self.gpu, scene.clone(), &camera, &subject.settings, size)?;
         self.state.message = None;

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use penumbra::Image;
+use penumbra::internal::render::film::View;
 
 use crate::program::{Answer, folder, run};
 use crate::schema;
@@ -60,6 +61,19 @@ fn the_limit_decides_the_exit_code() {
     assert_eq!(above.code, Some(5));
     assert!(above.stdout.contains("relMSE") && above.stderr.contains("image.exr"), "{above:?}");
     compare("--max-relmse 0", [&image, &image]).assert_done();
+}
+
+/// What a screen shows is no radiance.
+#[test]
+fn formats_of_two_kinds_are_noted() {
+    let folder = folder();
+    let image = grey(folder.path(), "image.exr", [16, 8], 0.75);
+    let shown = folder.path().join("image.png");
+    Image::read(&image).unwrap().write_png(&shown, View::default(), 0.0).unwrap();
+    for (pair, noted) in [([&image, &shown], true), ([&shown, &image], true), ([&shown, &shown], false)] {
+        let answer = compare("", pair);
+        assert_eq!(answer.assert_done().stderr.contains("one image is .png"), noted, "{answer:?}");
+    }
 }
 
 #[test]

@@ -167,6 +167,7 @@ fn wrong_usage_names_the_option() {
         ("devices now", "now"),
         ("table1 --width 0", "--width"),
         ("table1 --spp 0", "--spp"),
+        ("render no-scene.glb -o x.png --spp 1.5", "it must be a whole number"),
         ("table1 sphere.glb", "sphere.glb"),
         ("paint", "paint"),
     ] {

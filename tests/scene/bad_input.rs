@@ -127,6 +127,7 @@ fn structure() {
     }
     assert_eq!(refused(&|f| f.json["meshes"][0]["primitives"][0]["indices"] = json!(0)), "/accessors/0");
     assert_eq!(refused(&|f| f.json["meshes"][0]["primitives"][0]["mode"] = json!(7)), "/meshes/0/primitives/0/mode");
+    assert_eq!(refused(&|f| f.json["materials"] = json!([{ "alphaMode": "mask" }])), "/materials/0/alphaMode");
     // An attribute of another length.
     let short = |f: &mut File| {
         let normals = f.floats(&[[0f32, 0., 1.]; 2]);

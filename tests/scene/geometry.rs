@@ -4,6 +4,7 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::internal::scene::ImportOptions;
 use serde_json::json;
 
+use crate::bad_input::refused_at;
 use crate::builder::{F32, File, I16, U8, U16, U32, bytes_of, world};
 
 const FIVE: [[f32; 3]; 5] = [[0., 0., 0.], [2., 0., 0.], [0., 2., 0.], [2., 2., 0.], [0., 4., 0.]];
@@ -124,6 +125,12 @@ fn a_mirror_flips_the_winding_once() {
     let mut file = File::triangle();
     file.json["nodes"][0]["matrix"] = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1]);
     assert_eq!(world(&file.load()), [[a_b_c[0], a_b_c[2], a_b_c[1]]]);
+    // What the inversion of a matrix in f32 leaves in the last row is no projection; a tenth is one.
+    file.json["nodes"][0]["matrix"][3] = json!(1.2e-7);
+    file.json["nodes"][0]["matrix"][15] = json!(0.9999999);
+    assert_eq!(world(&file.load()), [[a_b_c[0], a_b_c[2], a_b_c[1]]]);
+    file.json["nodes"][0]["matrix"][3] = json!(0.1);
+    assert_eq!(refused_at(&file), "/nodes/0/matrix");
 }
 
 #[test]

@@ -15,9 +15,9 @@ pub struct PartOptions {
     #[arg(long, value_name = "X,Y,WIDTH,HEIGHT", value_parser = crop, allow_hyphen_values = true)]
     crop: Option<Crop>,
 
-    /// Make a piece of the image, of the samples A to B - 1 of the --spp of every pixel, which `penumbra merge` puts
-    /// together with the others. Whatever the cut by samples and by --crop, on devices of one kind the whole has the
-    /// same bits, those of --samples 0..SPP in one process. No sample learns from others then
+    /// Render a piece of the image: samples A to B - 1 of the --spp samples of every pixel. `penumbra merge` joins the
+    /// pieces. However the samples and --crop are cut, on devices of one kind the merged image has the bits of
+    /// --samples 0..SPP in one process. In a piece no sample learns from others
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     samples: Option<SampleRange>,
 }

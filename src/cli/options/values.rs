@@ -107,7 +107,7 @@ pub struct AovList(pub Vec<Aov>);
 impl AovList {
     pub fn help() -> String {
         let names = Aov::ALL.map(Aov::name).join(", ");
-        format!("Channels beside the picture, for .exr: a list with commas of {names}; or all [default: none]")
+        format!("Channels in addition to the image, for .exr: {names}, separated by commas; or all [default: none]")
     }
 }
 

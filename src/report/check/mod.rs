@@ -1,4 +1,4 @@
-//! Pictures as tests: cases with baselines and limits, what came of them, and the page and the XML that tell it.
+//! Image regression tests: cases with baselines and limits, their outcomes, and the reports as HTML page and JUnit XML.
 
 mod cases;
 mod comparison;
