@@ -78,11 +78,17 @@ fn local_pair(s: Surface, direction: vec3f) -> LocalPair {
 
 // ---- The specular lobe and its films
 
+// The cosine that Fresnel's terms depend on, for a cosine on the viewer's side; -1 for total internal reflection.
+@if(glossy)
+fn outer_cosine(s: Surface, cosine: f32) -> f32 {
+    @if(transmission) { return fresnel_cosine(s.transmission.eta, cosine); }
+    @else { return cosine; }
+}
+
 // Reflectance of the microfacets for light at the given cosine to their normal.
 @if(glossy)
 fn reflectance(s: Surface, cosine: f32) -> vec3f {
-    var outer = cosine;
-    @if(transmission) { outer = fresnel_cosine(s.transmission, cosine); }
+    let outer = outer_cosine(s, cosine);
     var reflected = specular_reflectance(s.specular, outer);
     @each(film) { reflected = NAME_reflectance(s.NAME, s.specular, reflected, outer); }
     @if(transmission) { reflected = select(reflected, vec3f(1.0), outer < 0.0); }
@@ -92,17 +98,18 @@ fn reflectance(s: Surface, cosine: f32) -> vec3f {
 // The share of light that the microfacets transmit, at the given cosine to their normal.
 @if(transmission)
 fn transmittance(s: Surface, cosine: f32) -> vec3f {
-    let outer = fresnel_cosine(s.transmission, cosine);
+    let outer = outer_cosine(s, cosine);
     var kept = specular_kept(s.specular, outer);
     @each(film) { kept = NAME_kept(s.NAME, s.specular, kept, outer); }
     return select(s.transmission.tint * (1.0 - kept), vec3f(0.0), outer < 0.0);
 }
 
-// The share of light that the microfacets transmit to the diffuse base and out again.
+// The share of light that the microfacets transmit to the diffuse base and out again; both cosines are outer ones.
 @if(glossy)
-fn through_microfacets(s: Surface, light_z: f32, view_z: f32) -> f32 {
-    var through = specular_through(s.specular, light_z, view_z);
-    @each(film) { through = NAME_through(s.NAME, s.specular, through, light_z, view_z); }
+fn through_microfacets(s: Surface, light: f32, view: f32) -> f32 {
+    var through = specular_through(s.specular, light, view);
+    @each(film) { through = NAME_through(s.NAME, s.specular, through, light, view); }
+    @if(transmission) { through = select(through, 0.0, min(light, view) < 0.0); }
     return through;
 }
 
@@ -119,7 +126,8 @@ fn through_layers(s: Surface, pair: LayerPair) -> f32 {
 // The share of light that layers and microfacets transmit to the diffuse base.
 @if(glossy)
 fn through_to_base(s: Surface, pair: LayerPair) -> f32 {
-    return through_microfacets(s, pair.local.light.z, pair.local.view.z) * through_layers(s, pair);
+    let outer = vec2f(outer_cosine(s, pair.local.light.z), outer_cosine(s, pair.local.view.z));
+    return through_microfacets(s, outer.x, outer.y) * through_layers(s, pair);
 }
 
 // The diffuse part of the BSDF, which is the same for light from all directions: what the base reflects to the viewer
@@ -166,7 +174,9 @@ fn glossy_layers_value(s: Surface, pair: LayerPair, faced: bool) -> vec3f {
 // The BSDF of the base for light from the other side that it scatters.
 @if(diffuse_transmission)
 fn diffusely_passed(s: Surface, local: LocalPair) -> vec3f {
-    return diffuse_value(s.diffuse_transmission.tint) * through_microfacets(s, -local.light.z, local.view.z);
+    // Seen from the light, the media change places.
+    let light = fresnel_cosine(1.0 / s.transmission.eta, -local.light.z);
+    return diffuse_value(s.diffuse_transmission.tint) * through_microfacets(s, light, outer_cosine(s, local.view.z));
 }
 
 // The BSDF less a part that is the same for all directions, times the cosine, for light from the unit `direction`.
@@ -316,7 +326,8 @@ fn lobe_chances(s: Surface, pair: LayerPair) -> LobeChances {
     @if(transmission) { specular += dot(transmittance(s, view_z), vec3f(1.0)); }
     var base = s.albedo;
     @if(diffuse_transmission) { base += s.diffuse_transmission.tint; }
-    let diffuse = dot(base, vec3f(1.0)) * through_microfacets(s, view_z, view_z);
+    let outer = outer_cosine(s, view_z);
+    let diffuse = dot(base, vec3f(1.0)) * through_microfacets(s, outer, outer);
     // No probability below a tenth, which bounds the weights of samples to ten times their value.
     var share = clamp(specular / max(specular + diffuse, 1e-30), 0.1, 0.9);
     share = select(select(share, 0.0, specular <= 0.0), 1.0, diffuse <= 0.0);

@@ -159,10 +159,11 @@ const BEYOND_SCENE = 4.0;
 // leads to the light point itself, not along the sample's direction: from the offset origin, that direction would miss
 // the point by as much, and could hit a curved light before the ray ends. Where light and surface are closer than these
 // offsets, the ray would begin beyond the light or end below the surface. No occluder fits in between, and the ray is
-// empty.
+// empty. Lights without a size may lie in a surface, as lamps in a ceiling do: the ray ends where their photons begin.
 fn shadow_ray(position: vec3f, normal: vec3f, sampled: LightSample) -> Ray {
     let origin = offset_origin(position, normal);
-    let end = offset_origin(light_point(position, sampled), sampled.normal);
+    let side = select(sampled.normal, -sampled.direction, sampled.delta);
+    let end = offset_origin(light_point(position, sampled), side);
     let crossed = is_beyond(origin, position, sampled) || dot(end - position, normal) < 0.0;
     return Ray(origin, 0.0, end - origin, select(1.0, 0.0, crossed));
 }

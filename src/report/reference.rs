@@ -25,6 +25,10 @@ const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Limit on the samples and sessions of a half. Below it neither their sums nor the seeds overflow.
 const MAX_COUNT: i32 = 1 << 29;
 
+/// Part of the key of a reference in the cache. Raise it when images of `path` change by more than noise, so that older
+/// references are not found any more.
+const EDITION: u32 = 1;
+
 const SAMPLES: &str = "samplesPerPixel";
 const SESSIONS: &str = "penumbra:sessions";
 const SECONDS: &str = "penumbra:seconds";
@@ -242,7 +246,7 @@ pub fn cache_folder(cache: &Path, subject: &Subject<'_>) -> PathBuf {
         subject.settings.indirect.max_bounces,
         subject.settings.light_scale,
     );
-    cache.join(subject.scene.fingerprint(&(subject.camera, width, height, max_bounces, light_scale)))
+    cache.join(subject.scene.fingerprint(&(EDITION, subject.camera, width, height, max_bounces, light_scale)))
 }
 
 /// Waits until no other process makes the reference in `folder`. Returns `None` once `stop` returns true, and
@@ -293,6 +297,8 @@ impl Half {
             s.image.seed = seed;
             s.image.spp = Settings::UNLIMITED_SPP;
             s.image.aovs = Vec::new();
+            // It is biased, and references serve reports without it too.
+            s.indirect.clamp = None;
         }))
     }
 

@@ -419,12 +419,27 @@ impl State {
 
     fn save(&self, path: &Path) -> Result<String> {
         let Some(image) = &self.image else { return Ok("there is no picture yet".to_owned()) };
+        self.check_kept(path, None)?;
         let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let Display { view, exposure, .. } = self.choices.display;
         // As `render` has it: an .exr has all channels; a .png shows one picture.
         let denoised = image.denoised().filter(|_| !is_exr);
         denoised.as_ref().unwrap_or(image).write(path, view, exposure)?;
         Ok(format!("wrote {}", path.display()))
+    }
+
+    /// Checks that `path` is none of the files that the picture is made from, but for one that may be `replaced`.
+    fn check_kept(&self, path: &Path, replaced: Option<&Path>) -> Result<()> {
+        let whole = |file: &Path| file.canonicalize().ok();
+        let is_input = whole(path).is_some_and(|path| {
+            let mut kept = self.files().into_iter().filter_map(|file| whole(&file));
+            Some(&path) != replaced.and_then(whole).as_ref() && kept.any(|file| file == path)
+        });
+        let shown = path.display();
+        match is_input {
+            true => Err(Error::Usage(format!("{shown} is an input, which would be lost: choose another name"))),
+            false => Ok(()),
+        }
     }
 
     /// Writes a copy of the scene's file that has the camera.
@@ -436,6 +451,7 @@ impl State {
             let is_open = if same(file) == same(self.shown_file()) { "is the open file" } else { "exists" };
             return Err(Error::Usage(format!("{shown} {is_open}: tick `replace` to write over it")));
         }
+        self.check_kept(file, Some(self.shown_file()))?;
         let kind = |file: &Path| file.extension().map(|extension| extension.to_ascii_lowercase());
         if kind(file) != kind(self.shown_file()) {
             let problem = format!("{shown}: a copy of {} needs the same extension", self.shown_file().display());

@@ -213,7 +213,7 @@ impl View {
     fn event(&mut self, event: &WindowEvent) -> Result<bool> {
         match event {
             WindowEvent::CloseRequested | WindowEvent::Destroyed => return Ok(false),
-            WindowEvent::Resized(size) => self.surface.resize([size.width, size.height]),
+            WindowEvent::Resized(size) => self.surface.resized = Some([size.width, size.height]),
             WindowEvent::DroppedFile(file) => self.worker.send(Command::Open(file.clone())),
             WindowEvent::RedrawRequested => return self.draw(),
             _ => {}
@@ -269,13 +269,16 @@ struct Surface {
     /// None while the window has no size.
     config: Option<wgpu::SurfaceConfiguration>,
     format: wgpu::TextureFormat,
+    /// A new size, until the next drawing: a window that is dragged has many, and each configuration waits for all
+    /// submitted work.
+    resized: Option<[u32; 2]>,
 }
 
 impl Surface {
     fn new(surface: wgpu::Surface<'static>, gpu: Arc<Gpu>, size: [u32; 2]) -> Result<Surface> {
         let format = format(&surface, &gpu)?;
         let painter = painter(&gpu, format);
-        let mut surface = Surface { surface, gpu, painter, config: None, format };
+        let mut surface = Surface { surface, gpu, painter, config: None, format, resized: None };
         surface.resize(size);
         Ok(surface)
     }
@@ -309,7 +312,7 @@ impl Surface {
             alpha_mode: wgpu::CompositeAlphaMode::Auto,
             view_formats: Vec::new(),
         };
-        self.surface.configure(&self.gpu.device, &config);
+        self.gpu.configure(&self.surface, &config);
         self.config = Some(config);
     }
 
@@ -320,6 +323,9 @@ impl Surface {
         pixels_per_point: f32,
         window: &Window,
     ) {
+        if let Some(size) = self.resized.take() {
+            self.resize(size);
+        }
         let Gpu { device, queue, .. } = &*self.gpu;
         for (id, deltas) in textures.set.drain() {
             for delta in &deltas {
@@ -333,7 +339,7 @@ impl Surface {
                 wgpu::CurrentSurfaceTexture::Suboptimal(frame) => Some(frame),
                 // The size is old, or the display was away: again, with what the window has now.
                 wgpu::CurrentSurfaceTexture::Outdated | wgpu::CurrentSurfaceTexture::Lost => {
-                    self.surface.configure(device, config);
+                    self.gpu.configure(&self.surface, config);
                     window.request_redraw();
                     None
                 }
@@ -372,7 +378,7 @@ impl Surface {
             ..Default::default()
         });
         self.painter.render(&mut pass.forget_lifetime(), primitives, screen);
-        queue.submit(more.into_iter().chain([encoder.finish()]));
+        self.gpu.submit(more.into_iter().chain([encoder.finish()]));
     }
 }
 

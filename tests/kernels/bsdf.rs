@@ -191,33 +191,43 @@ impl Tested {
         DVec2::new(self.lobes.along.map_or(across, |r| r.powi(2)), across).max(DVec2::splat(1e-3))
     }
 
+    /// The cosine on the side of the lower index, for one on a side whose index is `eta` times that of the other side.
+    /// `None` for total internal reflection.
+    fn outer(eta: f64, cosine: f64) -> Option<f64> {
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt() * eta.max(1.0);
+        (sine < 1.0).then(|| (1.0 - sine * sine).sqrt())
+    }
+
     /// Schlick's term at a microfacet: of the angle on the side of the lower index.
     fn schlick(&self, f0: f64, cosine: f64) -> f64 {
-        let sine = (1.0 - cosine * cosine).max(0.0).sqrt() * self.lobes.eta.max(1.0);
-        if sine >= 1.0 { 1.0 } else { f0 + (1.0 - f0) * (1.0 - (1.0 - sine * sine).sqrt()).powi(5) }
+        Self::outer(self.lobes.eta, cosine).map_or(1.0, |outer| f0 + (1.0 - f0) * (1.0 - outer).powi(5))
     }
 
     /// The same with the film, if there is one, in each of the three colours.
     fn fresnel(&self, f0: f64, cosine: f64) -> DVec3 {
         let bare = DVec3::splat(self.schlick(f0, cosine));
         self.lobes.film.map_or(bare, |film| {
-            let sine = (1.0 - cosine * cosine).max(0.0).sqrt() * self.lobes.eta.max(1.0);
-            let of_film =
-                if sine >= 1.0 { DVec3::ONE } else { film.reflectance(self.f0(), (1.0 - sine * sine).sqrt()) };
+            let outer = Self::outer(self.lobes.eta, cosine);
+            let of_film = outer.map_or(DVec3::ONE, |outer| film.reflectance(self.f0(), outer));
             bare.lerp(of_film, film.factor)
         })
     }
 
-    /// The share that the specular lobe transmits to the base. With a film it is that at both angles, after the largest
-    /// colour component is reflected.
-    fn through_specular(&self, light_z: f64) -> f64 {
-        let bare = Self::through(DIELECTRIC, self.roughness, light_z, self.view.z);
+    /// The share that the specular lobe transmits to the base, from light at an angle with that cosine, on a side whose
+    /// index is `eta` times that of the other side. What is reflected totally does not reach the base, nor the viewer
+    /// from it. With a film the share is that at both angles, after the largest colour component is reflected.
+    fn through_specular(&self, eta: f64, light_z: f64) -> f64 {
+        let [Some(light_z), Some(view_z)] = [Self::outer(eta, light_z), Self::outer(self.lobes.eta, self.view.z)]
+        else {
+            return 0.0;
+        };
+        let bare = Self::through(DIELECTRIC, self.roughness, light_z, view_z);
         self.lobes.film.map_or(bare, |film| {
             let kept = |z: f64| {
                 let grazing = 1.0 - 0.9 * self.roughness.powi(2) * (1.0 - z).powi(5);
                 film.reflectance(self.f0(), z).max_element() * grazing
             };
-            bare + (1.0 - kept(light_z).max(kept(self.view.z)) - bare) * film.factor
+            bare + (1.0 - kept(light_z).max(kept(view_z)) - bare) * film.factor
         })
     }
 
@@ -255,7 +265,7 @@ impl Tested {
 
     /// Light from the other side, refracted and scattered.
     fn passed(&self, light: DVec3) -> f64 {
-        let diffused = self.diffuse_tint() / PI * self.through_specular(-light.z);
+        let diffused = self.diffuse_tint() / PI * self.through_specular(1.0 / self.lobes.eta, -light.z);
         (self.refracted(light) + diffused) * self.through_coat(light) * self.fibres(light).1
     }
 
@@ -323,7 +333,7 @@ impl Tested {
     fn reflected(&self, light: DVec3) -> DVec3 {
         let h = (light + self.view).normalize();
         let fresnel = self.fresnel(self.f0(), self.view.dot(h));
-        let base = self.albedo() / PI * self.through_specular(light.z)
+        let base = self.albedo() / PI * self.through_specular(self.lobes.eta, light.z)
             + fresnel * Self::microfacets(self.view, h, light, self.alpha());
         let (sheen, through) = self.fibres(light);
         (sheen + base * through) * self.through_coat(light)
@@ -457,6 +467,8 @@ fn all_lobes(base: f64) -> Vec<Tested> {
         (0.0, glass(1.0, 1.0 / 1.5)),
         (0.0, glass(1.0, 1.5)),
         (0.0, glass(0.6, 1.0 / 1.5)),
+        (0.0, glass(0.5, 1.5)),
+        (0.0, Lobes { diffused: 0.6, ..glass(0.4, 1.5) }),
         (0.0, glass(1.0, 1.0)),
         (0.0, Lobes { diffused: 0.6, ..NO_LOBES }),
         (0.0, Lobes { diffused: 0.4, coat: 0.5, coat_roughness: 0.4, ..glass(0.4, 1.0 / 1.5) }),

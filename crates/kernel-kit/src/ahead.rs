@@ -40,7 +40,9 @@ impl Gpu {
         waiting.sort_by_cached_key(|kernel| kernel.entry.interface.inlined_size(&kernel.source));
         // The first kernel would seem to take the time of what was uploaded before it.
         self.wait("uploads")?;
-        let mut stage = Stage { device: &self.device, queue: &self.queue, known, textures: Vec::new() };
+        let submit = |commands| self.submit([commands]);
+        let (device, queue) = (&self.device, &self.queue);
+        let mut stage = Stage { device, queue, submit: &submit, known, textures: Vec::new() };
         let mut translated = 0;
         let all = waiting.len();
         let watch = self.watch().unwrap_or_else(|| Arc::new(|_| ()));
@@ -86,7 +88,8 @@ impl Gpu {
         let work = || {
             let Ok((device, queue)) = adapter::request(&self.adapter, self.requested) else { return };
             device.on_uncaptured_error(Arc::new(|_| ()));
-            let mut stage = Stage { device: &device, queue: &queue, known, textures: Vec::new() };
+            let submit = |commands| drop(queue.submit([commands]));
+            let mut stage = Stage { device: &device, queue: &queue, submit: &submit, known, textures: Vec::new() };
             let largest = || lock(&left).next_back();
             while let Some(Undispatched { source, entry }) = largest().map(|index| &kernels[index]) {
                 let interface = entry.interface.clone();
@@ -118,6 +121,7 @@ impl Gpu {
 struct Stage<'a> {
     device: &'a wgpu::Device,
     queue: &'a wgpu::Queue,
+    submit: &'a dyn Fn(wgpu::CommandBuffer),
     known: &'a (dyn Bindings + Sync),
     textures: Vec<(wgpu::Texture, wgpu::TextureView)>,
 }
@@ -146,7 +150,7 @@ impl Stage<'_> {
         pass.dispatch_workgroups(0, 0, 0);
         drop(pass);
         uniforms.write(self.queue);
-        self.queue.submit([encoder.finish()]);
+        (self.submit)(encoder.finish());
         Ok(())
     }
 

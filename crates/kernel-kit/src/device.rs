@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
 
 use crate::adapted;
 use crate::adapter::{self, DeviceChoice, DeviceInfo, DeviceLimits};
@@ -44,6 +44,8 @@ pub struct Gpu {
     folder: OnceLock<KernelFolder>,
     watch: Mutex<Option<Watch>>,
     fault: Arc<Mutex<Option<Fault>>>,
+    /// Locked for reading by a submission, and for writing while nothing may be submitted.
+    submissions: RwLock<()>,
 }
 
 /// Tables are buffers only where the device allows at least as many of a stage: a kernel's own, and a dozen tables.
@@ -169,6 +171,7 @@ impl Gpu {
             folder: OnceLock::new(),
             watch: Mutex::default(),
             fault,
+            submissions: RwLock::default(),
         }
     }
 
@@ -180,6 +183,20 @@ impl Gpu {
     /// The formats of a window's surface, the preferred first; none if the device cannot show the window.
     pub fn surface_formats(&self, surface: &wgpu::Surface<'_>) -> Vec<wgpu::TextureFormat> {
         surface.get_capabilities(&self.adapter).formats
+    }
+
+    /// Submits commands to the queue. All threads that share the device submit by this method, so that
+    /// [`Gpu::configure`] can hold them up.
+    pub fn submit(&self, commands: impl IntoIterator<Item = wgpu::CommandBuffer>) {
+        let _shared = self.submissions.read().unwrap_or_else(PoisonError::into_inner);
+        self.queue.submit(commands);
+    }
+
+    /// Configures a window's surface after all work that was submitted. wgpu refuses that if another thread submits
+    /// more meanwhile; such threads wait here.
+    pub fn configure(&self, surface: &wgpu::Surface<'_>, config: &wgpu::SurfaceConfiguration) {
+        let _alone = self.submissions.write().unwrap_or_else(PoisonError::into_inner);
+        surface.configure(&self.device, config);
     }
 
     /// From now on keeps the kernels of [`Kernel::kept`](crate::Kernel::kept), as long as the device is open: for

@@ -41,7 +41,7 @@ impl Gpu {
     fn send(&self, recorded: wgpu::CommandEncoder, uniforms: &mut Uniforms) {
         uniforms.write(&self.queue);
         self.pace().begin();
-        self.queue.submit([recorded.finish()]);
+        self.submit([recorded.finish()]);
     }
 
     /// Runs a kernel once, in a frame of its own, without waiting for it; as [`Frame::run`].
@@ -63,7 +63,8 @@ impl Gpu {
     /// As [`Gpu::check`].
     pub fn pass_times(&self) -> Result<BTreeMap<String, f64>> {
         let mut timer = self.timer();
-        if let Some(timestamps) = timer.resolve(&self.device, &self.queue) {
+        if let Some((copy, timestamps)) = timer.resolve(&self.device) {
+            self.submit([copy]);
             let staging = timestamps.staging.clone();
             self.map(&staging, "timestamps", |bytes| timer.add(timestamps, bytes))?;
         }

@@ -50,8 +50,8 @@ impl Timer {
         self.pending.len() as u32 > PASSES / 2
     }
 
-    /// Submits the copy of all pending timestamps; none where there are none.
-    pub(crate) fn resolve(&mut self, device: &wgpu::Device, queue: &wgpu::Queue) -> Option<Timestamps> {
+    /// The copy of all pending timestamps, and the commands that fill it; `None` if no timestamps are pending.
+    pub(crate) fn resolve(&mut self, device: &wgpu::Device) -> Option<(wgpu::CommandBuffer, Timestamps)> {
         let queries = self.queries.as_ref().filter(|_| !self.pending.is_empty())?;
         let count = self.pending.len() as u32 * 2;
         let bytes = u64::from(count) * 8;
@@ -68,8 +68,7 @@ impl Timer {
         let mut encoder = device.create_command_encoder(&Default::default());
         encoder.resolve_query_set(queries, 0..count, &resolved, 0);
         encoder.copy_buffer_to_buffer(&resolved, 0, &staging, 0, bytes);
-        queue.submit([encoder.finish()]);
-        Some(Timestamps { staging, labels: std::mem::take(&mut self.pending) })
+        Some((encoder.finish(), Timestamps { staging, labels: std::mem::take(&mut self.pending) }))
     }
 
     /// Adds what was read back, as bytes.

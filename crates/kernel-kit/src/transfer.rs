@@ -92,7 +92,7 @@ impl Gpu {
         let mut encoder = self.device.create_command_encoder(&Default::default());
         let at = buffer.first_byte + (first * size_of::<T>()) as u64;
         encoder.copy_buffer_to_buffer(&buffer.raw, at, &staging, 0, bytes.next_multiple_of(4));
-        self.queue.submit([encoder.finish()]);
+        self.submit([encoder.finish()]);
         let mut data = vec![T::zeroed(); count];
         self.map(&staging, &buffer.label, |view| {
             bytemuck::cast_slice_mut(&mut data).copy_from_slice(&view[..bytes as usize])
@@ -176,7 +176,7 @@ impl Gpu {
             );
             if rows > TABLE_LAYER_ROWS {
                 // wgpu keeps its copy of the part until the device has it.
-                self.queue.submit([]);
+                self.submit([]);
                 self.wait(label)?;
             }
         }

@@ -103,12 +103,12 @@ fn unpack_transmission(packed: vec4f) -> Transmission {
 }
 
 // The cosine for Schlick's term, which is on the side of the lower index of refraction; -1 for total internal
-// reflection.
+// reflection. `eta` is the index of refraction on the side of `cosine` over that on the other side.
 @if(transmission)
-fn fresnel_cosine(lobe: Transmission, cosine: f32) -> f32 {
-    let sine_squared = lobe.eta * lobe.eta * (1.0 - cosine * cosine);
+fn fresnel_cosine(eta: f32, cosine: f32) -> f32 {
+    let sine_squared = eta * eta * (1.0 - cosine * cosine);
     let outer = select(safe_sqrt(1.0 - sine_squared), -1.0, sine_squared >= 1.0);
-    return select(outer, cosine, lobe.eta <= 1.0);
+    return select(outer, cosine, eta <= 1.0);
 }
 
 // The microfacet normal that transmits light from `pair.light`, below the surface, towards the viewer; and the Jacobian
