@@ -114,8 +114,8 @@ fn interpolate(
     radiance_indirect[i] = light;
 }
 
-// Replaces the light at the points, as `interpolate` with other records left it, by what these records change of it.
-// There is no change where either of them leaves the light to a path.
+// Replaces the light at the points, which `interpolate` computed from other records, by the change to the light from
+// these records. Where either of them leaves the light to a path, there is no change.
 @compute @workgroup_size(64)
 fn change(
     @builtin(workgroup_id) group: vec3u,

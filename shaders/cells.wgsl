@@ -1,7 +1,7 @@
 // cells: before the first sample, traces shadow rays from the surfaces in each cell of a grid to each light; then
 // classifies every candidate (a point and a light) by its cell. It serves the earlier methods that classify space, not
-// points; see src/light_transport/cell_visibility.rs. In: surface points by cell (normalised space), the hierarchy,
-// points of a tile. Out: counts of rays and a class word for each light and cell; class words of the candidates.
+// points; see src/light_transport/cell_visibility.rs. In: surface points by cell (normalised space), the BVH, points of
+// a tile. Out: counts of rays and a class word for each light and cell; class words of the candidates.
 
 import package::lib::bvh::{traversal_overrun, triangle_corners};
 import package::lib::packet::{no_ray, trace_occluded_together};
@@ -100,7 +100,7 @@ fn word_of_cell(index: u32) -> u32 {
     let count = atomicLoad(&cell_counts[index]);
     let traced = count & 0xffffu;
     let visible = count >> 16u;
-    // A cell from which no ray was traced tells nothing.
+    // If no ray was traced from a cell, its class is unknown.
     if traced == 0u { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
     let n_i = min(visible, CLASS_COUNT_MAX);
     let n_s = min(traced - visible, CLASS_COUNT_MAX);

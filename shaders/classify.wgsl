@@ -63,7 +63,7 @@ var<immediate> classify_pass: ClassifyParameters;
 @group(0) @binding(1) var<storage, read_write> classes: array<atomic<u32>>;
 // QUEUE_QUERY, QUEUE_BOUNDARY and QUEUE_AUDIT, of equal lengths: one binding, of which devices allow few.
 @group(0) @binding(2) var<storage, read_write> queues: array<u32>;
-// By queue.
+// The length of each queue.
 @group(0) @binding(3) var<storage, read_write> queue_lengths: array<atomic<u32>, QUEUE_COUNT>;
 @group(0) @binding(4) var<storage, read_write> queue_arguments: array<u32, QUEUE_ARGUMENT_WORDS * QUEUE_COUNT>;
 @group(0) @binding(8) var<storage, read_write> counters: array<atomic<u32>>;
@@ -143,7 +143,7 @@ fn class_without_map(candidate: u32) -> u32 {
     @if(fine_cells) {
         let fine = fine_class(light, point.position, normal);
         if is_decided(fine.class_) { return decided_word(fine.class_, fine.nearness); }
-        // Shadow rays know more of a divided cell than the map does.
+        // For a divided cell, shadow rays give a better estimate than the map.
         if fine.nearness != AWAY { return boundary_word(fine.visibility, nearest); }
     }
     @if(visibility_map) { return UNDECIDED; }
@@ -158,7 +158,8 @@ fn decided_word(class_: u32, nearness: u32) -> u32 {
     return word_at(word, nearness);
 }
 
-// The classes of the queued candidates whose cell has one that holds; the others request one.
+// Writes the classes of the queued candidates whose cell has a class that holds for the point, and requests a class for
+// the others.
 @if(visibility_map)
 @compute @workgroup_size(64)
 fn look_up(
@@ -182,7 +183,7 @@ fn look_up(
     @if(fine_cells) { tell_fine_cell(cell, light, point.position, normal); }
 }
 
-// What the map decides away from boundaries is a photon of the point's fine cell.
+// Where the map decides a point away from boundaries, its class is stored as a photon of the point's fine cell.
 @if(visibility_map && fine_cells)
 fn tell_fine_cell(cell: CellClass, light: u32, position: vec3f, normal: vec3f) {
     let lit = cell.class_ == CLASS_LIT;
@@ -284,7 +285,7 @@ fn requested_class_at(light: u32, position: vec3f, normal: vec3f) -> CellClass {
     return no_cell_class();
 }
 
-// The classes of the candidates that `look_up` left undecided, and the queues of all that it looked up.
+// Writes the classes of the candidates that `look_up` left undecided, and queues all that it looked up.
 @if(visibility_map)
 @compute @workgroup_size(64)
 fn query(
@@ -325,13 +326,13 @@ fn class_by_requested_cell(candidate: u32) -> u32 {
     return word;
 }
 
-// How far the neighbour may lie from the point's plane, as a share of its distance: about 15 degrees.
+// Maximum distance of a neighbour from the point's plane, as a share of the neighbour's distance: about 15 degrees.
 const DILATE_SLOPE = 0.25;
 // Normals of neighbours on one surface: 25 degrees.
 const DILATE_COSINE = 0.9063;
 
-// A lit or shadowed candidate becomes a boundary where a neighbour on the same surface is one, or is unknown. These are
-// few, and queued: each of them visits its neighbours.
+// A lit or shadowed candidate becomes a boundary if a neighbour on the same surface is a boundary or unknown.
+// Boundaries are few and queued, so each of them visits its neighbours.
 @compute @workgroup_size(64)
 fn dilate(
     @builtin(workgroup_id) group: vec3u,
@@ -349,7 +350,8 @@ fn dilate(
     // Neighbours are of the same sample.
     let layer = pixel - remainder(pixel, classify_pass.tile.pixel_count);
     let at = vec2i(tile_position(classify_pass.tile, pixel));
-    // Few are decided, as a boundary lies among boundaries: software devices load the points of these alone.
+    // Few neighbours are decided, because most neighbours of a boundary are boundaries. Software devices load the
+    // points of the decided ones only.
     var decided = 0u;
     for (var k = 0u; k < NEIGHBOURS; k++) {
         let neighbour = neighbour_in_layer(at, k);
@@ -377,7 +379,8 @@ fn neighbour_in_layer(at: vec2i, k: u32) -> u32 {
 
 // Makes a decided candidate a boundary.
 fn widen_to(candidate: u32) {
-    // The bits of lit and those of shadowed together: the first of several neighbours finds the class that was.
+    // CLASS_BOUNDARY has the bits of both CLASS_LIT and CLASS_SHADOWED. Only the first of several neighbours finds the
+    // previous class.
     let word = atomicOr(&classes[candidate], CLASS_BOUNDARY);
     if !is_decided(class_of(word)) { return; }
     queues[queue_item(QUEUE_BOUNDARY, atomicAdd(&queue_lengths[QUEUE_BOUNDARY], 1u))] = candidate;
@@ -414,7 +417,7 @@ fn is_candidate(candidate: u32) -> bool {
     @else { return is_point; }
 }
 
-// What an invocation notes of its consecutive candidates, in bits by their place among them.
+// Notes of an invocation about its consecutive candidates: a bit for each, by its position among them.
 struct Noted {
     undecided: u32,
     // Queued for shadow rays, and for audits.
@@ -499,7 +502,7 @@ fn queue_each(queue: u32, before: u32, bits: u32, first: u32) {
     }
 }
 
-// The queues of candidates that another pass classified.
+// Fills the queues from classes that another pass found.
 @compute @workgroup_size(64)
 fn compact(
     @builtin(workgroup_id) group: vec3u,
@@ -517,8 +520,8 @@ fn compact(
     enqueue(noted, first, lane);
 }
 
-// For each point of a tile the cell that decides it for the light `first_light`, as `ShownCell` of the host has it: for
-// those who look at the cells. Changes none of them.
+// For each point of a tile, the cell that decides it for the light `first_light`, in the format of the host's
+// `ShownCell`. This is for displaying the cells, and does not change them.
 @if(shown_cells)
 @compute @workgroup_size(64)
 fn show_cells(
@@ -538,7 +541,7 @@ fn show_cells(
 
 @if(shown_cells)
 fn cell_word_at(light: u32, position: vec3f, normal: vec3f) -> u32 {
-    // Without any cell.
+    // The word if no cell decides the point.
     var word = CLASS_UNKNOWN;
     @if(fine_cells) {
         let fine = fine_class(light, position, normal);

@@ -21,7 +21,7 @@ struct DenoiseParameters {
 
 var<immediate> denoise: DenoiseParameters;
 
-// Samples that the neighbours' variance counts for beside the pixel's own.
+// Weight of the neighbours' variance, in samples, next to the pixel's own.
 const POOLED_SAMPLES = 4.0;
 // Radii of windows in pixels. The first filter needs no more than 7 x 7, the second gained nothing beyond 11 x 11. The
 // windows of `restrain`, `pool` and `combine` are 5 x 5, and written out.
@@ -32,7 +32,7 @@ const SECOND_RADIUS = 5;
 // variance of its squared distance.
 const FAR_FROM_NEIGHBOURS = 9.0;
 const WITHIN_OWN = 4.0;
-// Neighbours that tell a spread.
+// Minimum number of neighbours from which a spread is computed.
 const MIN_NEIGHBOURS = 5.0;
 // Neighbours of less weight hardly contribute to a spread, and do not count.
 const COUNTED_WEIGHT = 0.3;
@@ -46,32 +46,33 @@ const RIDGE = 0.5;
 const NORMAL_SCALE = 0.1;
 const ALBEDO_SCALE = 0.1;
 const PLANE_SCALE = 1.5;
-// Around the image the tables have a border of texels that are 0, whose kind matches no pixel's, so that no window has
-// to end at the edge: DENOISE_BORDER rows above and below, and DENOISE_BORDER columns on the left, which also serve as
-// the right border of the row before.
+// The tables have a border of texels of 0 around the image, whose kind matches no pixel's, so that windows need not end
+// at the edge: DENOISE_BORDER rows above and below, and DENOISE_BORDER columns on the left, which also are the right
+// border of the row before.
 const_assert SECOND_RADIUS <= DENOISE_BORDER;
-// Weights below exp of minus these, 0.02 and 0.01, are 0, so that many small ones do not add up.
+// Weights below exp(-3.91) = 0.02 and exp(-4.6) = 0.01 are set to 0, so that many small ones do not add up.
 const MAX_SURFACE_DIFFERENCE = 3.912023;
 const MAX_LIGHT_DIFFERENCE = 4.6051702;
-// Albedo by which light is divided at the least.
+// Minimum albedo by which light is divided.
 const MIN_ALBEDO = 0.01;
-// Light and variance beyond these take no part: their squares, and sums of these, would overflow.
+// Light and variance beyond these are ignored: their squares, and sums of squares, would overflow.
 const MAX_LIGHT = 1e12;
 const MAX_VARIANCE = 1e24;
 // Variance added to all, far below what is visible.
 const TINY = 1e-10;
 // No neighbour on a surface.
 const NO_SPACING = 1e30;
-// What a pixel is, in the fourth byte of its packed word. They differ by so much that no weight remains, as of an
-// albedo, and the word is a normal float whatever else it holds, which every load keeps. Texels of the border are 0.
+// The kind of a pixel, in the fourth byte of its packed word. Kinds differ by so much that no weight remains between
+// them, because they are compared like an albedo. Whatever else the word holds, it is then a normal float, which every
+// load preserves. Texels of the border are 0.
 const KIND_KEPT = 0x10u;
 const KIND_EMPTY = 0x60u;
 const KIND_SURFACE = 0xb0u;
-// What differs from all kinds.
+// A value that differs from all kinds.
 const NO_KIND = 1000.0;
 // A difference that leaves no weight.
 const BEYOND = 1e9;
-// Of bytes squared: ALBEDO_SCALE.
+// ALBEDO_SCALE for squared differences of bytes.
 const PER_SQUARED_BYTE = 1.0 / (255.0 * 255.0 * ALBEDO_SCALE * ALBEDO_SCALE);
 
 @group(0) @binding(0) var<storage, read> pixels: array<vec4f>;
@@ -83,7 +84,8 @@ const PER_SQUARED_BYTE = 1.0 / (255.0 * 255.0 * ALBEDO_SCALE * ALBEDO_SCALE);
 // Light of `pixels`, and its variance (sum of the channels) in w.
 @if(texture_loads) @group(0) @binding(4) var light_table: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(0) @binding(4) var<storage, read> light_table: array<vec4f>;
-// Light by whose difference pixels are compared, and its variance in w; or filtered light, and the pixel's own weight.
+// The light by which pixels are compared, with its variance in w; or filtered light, with the weight of the pixel's own
+// in w.
 @if(texture_loads) @group(0) @binding(5) var guide_table: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(0) @binding(5) var<storage, read> guide_table: array<vec4f>;
 // The weights of each pixel's window of 5 x 5 by what pixels show, in bytes: without the middle column, rows -2, -1, 1
@@ -112,7 +114,7 @@ fn load_weights(i: u32) -> vec4u {
     @else { return weight_table[i]; }
 }
 
-// What a pixel shows. `traits` are albedo and kind in bytes.
+// The surface of a pixel. `traits` are albedo and kind in bytes.
 struct Surface {
     position: vec3f,
     normal: vec3f,
@@ -162,7 +164,8 @@ fn surface_weight(centre: Centre, other: Surface, d: vec2f) -> f32 {
     return select(0.0, exp(-e), e <= MAX_SURFACE_DIFFERENCE);
 }
 
-// Of numbers that are not negative, by their bits: software devices take three steps for floats, because of NaN.
+// The smaller of two numbers that are not negative, by their bits: for floats, software devices take three steps,
+// because of NaN.
 fn lesser(a: f32, b: f32) -> f32 {
     return bitcast<f32>(min(bitcast<i32>(a), bitcast<i32>(b)));
 }
@@ -286,8 +289,8 @@ fn prepare(
     surface_out[2u * index + 1u] = vec4f(normal, bitcast<f32>(word));
 }
 
-// The mean of the light of some pixels, and the sum of squared distances from it, times weight. The brightest of them,
-// with its weight, is left out: it may be another firefly, and two would hide each other.
+// The weighted mean of the light of some pixels, and the weighted sum of squared distances from it. The brightest pixel
+// is left out and kept here with its weight: it may be another firefly, and two fireflies would hide each other.
 struct Moments {
     weights: f32,
     squares: f32,
@@ -295,7 +298,8 @@ struct Moments {
     brightest: vec4f,
 }
 
-// With the light and the weight of one more pixel, in the way that loses no digits beside bright light (West 1979).
+// Adds the light and weight of one more pixel, by the method of West (1979), which loses no digits next to bright
+// light.
 fn moments_with(moments: Moments, more: vec4f) -> Moments {
     let is_brightest = more.w > COUNTED_WEIGHT && dot(more.xyz, vec3f(1.0)) > dot(moments.brightest.xyz, vec3f(1.0));
     let added = select(more, moments.brightest, is_brightest);
@@ -311,7 +315,7 @@ fn spread_of(moments: Moments, count: f32) -> f32 {
     return moments.squares * count / (max(moments.weights, TINY) * max(count - 1.0, 1.0));
 }
 
-// Of direct and of indirect light, and how many pixels count.
+// Moments of direct and of indirect light, and the number of pixels that count.
 struct Neighbours {
     count: f32,
     direct: Moments,
@@ -326,7 +330,8 @@ fn neighbours_with(sums: Neighbours, weight: f32, index: u32) -> Neighbours {
     );
 }
 
-// After a row of the window, whose weights are kept: in bytes, but for that of the middle column.
+// The sums after a row of the window, and the weights of that row: the four at the sides in bytes, the middle one as a
+// float.
 struct NeighboursOfRow {
     sums: Neighbours,
     sides: u32,
@@ -337,7 +342,7 @@ fn weight_at(centre: Centre, row: u32, x: i32, y: i32) -> f32 {
     return surface_weight(centre, surface_at(u32(i32(row) + x)), vec2f(f32(x), f32(y)));
 }
 
-// With the row `y` below a pixel, but for the pixel itself.
+// Adds the row `y` below a pixel, without the pixel itself.
 fn neighbours_with_row(before: Neighbours, centre: Centre, index: u32, y: i32) -> NeighboursOfRow {
     let row = below(index, y);
     let a = weight_at(centre, row, -2, y);
@@ -353,8 +358,8 @@ fn neighbours_with_row(before: Neighbours, centre: Centre, index: u32, y: i32) -
     return NeighboursOfRow(sums, pack4x8unorm(vec4f(a, b, c, d)), middle);
 }
 
-// Light that stands out from its `count` neighbours by its own noise is drawn towards them, with its variance, to where
-// it no longer does.
+// If light differs from that of its `count` neighbours by more than their spread, and its own noise explains this, the
+// light is drawn towards theirs until it no longer does, and its variance is reduced accordingly.
 fn restrained(light: vec4f, neighbours: Moments, count: f32) -> vec4f {
     let d = light.xyz - neighbours.mean;
     let distance = dot(d, d);
@@ -478,12 +483,12 @@ fn squared(a: Member, b: Member) -> vec3f {
     return (a.weight * b.weight) * vec3f(dot(direct, direct), dot(indirect, indirect), 1.0);
 }
 
-// Of each pixel of a row and the one below.
+// Sum of `squared` over each pixel of a row and the pixel below it.
 fn across(a: array<Member, 5>, b: array<Member, 5>) -> vec3f {
     return squared(a[0], b[0]) + squared(a[1], b[1]) + squared(a[2], b[2]) + squared(a[3], b[3]) + squared(a[4], b[4]);
 }
 
-// Of pixels of a row one apart, and two.
+// Sums of `squared` over the pixels of a row that are one apart, and that are two apart.
 fn along(a: array<Member, 5>) -> vec3f {
     return squared(a[0], a[1]) + squared(a[1], a[2]) + squared(a[2], a[3]) + squared(a[3], a[4]);
 }
@@ -662,14 +667,14 @@ fn average(
 struct Fit {
     one: f32,
     first: vec2f,
-    // Of x x, x y and y y.
+    // Sums of weight times x x, x y and y y.
     second: vec3f,
     light: vec3f,
     light_x: vec3f,
     light_y: vec3f,
 }
 
-// As Fit, of one row: without what y is a factor of.
+// The sums of Fit over one row, without those that have the factor y.
 struct Row {
     one: f32,
     x: f32,
@@ -678,7 +683,7 @@ struct Row {
     light_x: vec3f,
 }
 
-// Of direct and of indirect light.
+// Rows of direct and of indirect light.
 struct Rows {
     direct: Row,
     indirect: Row,
@@ -710,7 +715,7 @@ fn fit_with(fit: Fit, row: Row, y: f32) -> Fit {
     );
 }
 
-// Of direct and of indirect light.
+// Fits of direct and of indirect light.
 struct Fits {
     direct: Fit,
     indirect: Fit,
@@ -720,7 +725,8 @@ fn fits_with(fits: Fits, rows: Rows, y: i32) -> Fits {
     return Fits(fit_with(fits.direct, rows.direct, f32(y)), fit_with(fits.indirect, rows.indirect, f32(y)));
 }
 
-// The fitted plane at the pixel, and in w the weight of the pixel's own light in it, whose weight in the sums is 1.
+// The value of the fitted plane at the pixel; w is the weight of the pixel's own light in it, which has a weight of 1
+// in the sums.
 fn fitted(fit: Fit) -> vec4f {
     let scale = 1.0 / max(fit.one, TINY);
     let first = fit.first * scale;
@@ -785,7 +791,7 @@ fn mixed(light: vec4f, result: vec4f, sums: vec2f) -> vec3f {
     return mix(light.xyz, result.xyz, trust);
 }
 
-// What the filter changed of direct light, then of indirect light.
+// The change that the filter made to direct light, then to indirect light.
 fn changes_at(index: u32) -> vec4f {
     let direct = change(load_light(2u * index), load_guide(2u * index));
     return vec4f(direct, change(load_light(2u * index + 1u), load_guide(2u * index + 1u)));

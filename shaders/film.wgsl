@@ -1,7 +1,7 @@
 // film: sums the samples of each pixel of a tile with compensation (Kahan 1965; Neumaier 1974), so that tens of
 // thousands of samples lose no visible precision. A sample that is not finite is left out and counted. The pass also
 // counts pixels whose sum may soon overflow, and squares that overflow.
-// `correct` and `correct_squares` change the samples so far, each by the same for a pixel.
+// `correct` and `correct_squares` add a change to the samples so far, the same one to all samples of a pixel.
 // In: `samples`, a vector for each point, in the units of radiance.
 // Out: `sums` and `compensations`, a vector for each pixel; compensations.w is the number of samples that were left
 // out.
@@ -35,7 +35,7 @@ var<immediate> film_parameters: FilmParameters;
 // 2^104: a larger sum may overflow (at 2^128) within the 2^24 samples that a render can take.
 const NEAR_OVERFLOW = 2.028241e31;
 
-// The pixel whose samples are number i, i + pixel_count, and so on.
+// The pixel of sample i; its other samples have the numbers i + pixel_count, and so on.
 fn pixel_of(i: u32) -> u32 {
     @if(adaptive_sampling) { return sampled_pixels[i]; }
     @else { return i; }
@@ -46,7 +46,7 @@ struct Sum {
     compensation: vec4f,
 }
 
-// The same numbers, since no pixel has 2^31 samples; but a compiler does not know that they are. One that sees that
+// Returns the same numbers, because no pixel has 2^31 samples, but the compiler cannot infer this. One that sees that
 // `total` is `value + x` may take `(total - value) - x` for 0. On an H200 (driver 580.159) all compensations were lost.
 fn opaque(x: vec4f) -> vec4f {
     return bitcast<vec4f>(bitcast<vec4u>(x) | vec4u(film_parameters.earlier_samples >> 31u));
@@ -146,8 +146,8 @@ fn correct(
     if is_finite4(change) { store_sum(pixel, compensated(sum, change)); }
 }
 
-// The same for a sum of squares, before the samples change: (x + c)^2 is x^2 + 2 c x + c^2. Where x is a sum of two
-// parts, it runs for each, and `earlier_samples` is 0 for one of them.
+// Does the same for a sum of squares, before the samples change: (x + c)^2 is x^2 + 2 c x + c^2. If x is a sum of two
+// parts, it runs once for each part, once of these with `earlier_samples` = 0.
 @compute @workgroup_size(64)
 fn correct_squares(
     @builtin(workgroup_id) group: vec3u,

@@ -9,9 +9,9 @@ import package::lib::fine_cell::{
     fine_cell_view, fine_cells, is_divided
 };
 
-// Photons of one kind that are many, over k: four times as many as decide a part of a divided cell. Of n photons of one
-// kind, one of the other would have been seen if its share were much above 1 / n, so that classes of such cells are
-// wrong a quarter as often.
+// Photons of one kind count as many from this multiple of k: four times as many as decide a part of a divided cell. If
+// n photons are of one kind, one of the other kind would probably have been seen if its share were much above 1 / n, so
+// classes of such cells are wrong a quarter as often.
 const MANY = 2u;
 
 // Photons that decide a cell (k).
@@ -36,8 +36,8 @@ fn photons_of(entry: u32) -> vec2u {
     return vec2u(atomicLoad(&fine_cells[entry].illumination), atomicLoad(&fine_cells[entry].shadow));
 }
 
-// What the photons of a cell and of the eight cells around it on its surface tell. Cells across its depth are left out:
-// few surfaces go on there.
+// The code of a cell, from its photons and those of the eight cells around it on its surface. Neighbours in the
+// direction of its depth are left out: few surfaces continue there.
 fn code_of_cell(entry: u32) -> u32 {
     var photons = photons_of(entry);
     if all(photons > vec2u(0u)) { return divided(photons); }

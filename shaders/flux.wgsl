@@ -149,7 +149,7 @@ fn flux(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    // Lanes whose ray has ended trace none beside the others.
+    // Lanes whose ray has ended trace no ray together with the others.
     let there = i < flux_pass.ray_count;
     let ray = flux_pass.first_ray + min(i, flux_pass.ray_count - 1u);
     let light = light_of_ray(ray);

@@ -42,7 +42,7 @@ struct GatherParameters {
     min_radius: f32,
 }
 
-// Where a record lies, and what its waves have in common.
+// Position of a record, and data that its waves share.
 struct RecordOrigin {
     position: vec3f,
     // Normals of the triangle and of the surface, octahedral.
@@ -68,7 +68,7 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(6) var<storage, read_write> path_count: array<atomic<u32>, 1>;
 @group(0) @binding(7) var<storage, read_write> path_arguments: array<u32, 3>;
 @group(0) @binding(8) var<storage, read_write> path_points: array<u32>;
-// For each of them, at its index, what it hit.
+// The hits of these rays, by index of the ray.
 @group(0) @binding(9) var<storage, read_write> hit_points: array<Point>;
 @group(0) @binding(10) var<storage, read_write> hit_surfaces: array<VisibleSurface>;
 @group(0) @binding(11) var<storage, read_write> gather_hits: array<GatherHit>;
@@ -106,11 +106,11 @@ fn place(
 }
 
 // The point of the unit square for a stratum: its first coordinate lies in the ring, its second in the sector. All
-// points of a record are shifted by exclusive or with the same bits, which keeps them stratified: so the point is that
-// of the stratum from which the shift leads here.
+// points of a record are shifted by an exclusive or with the same bits, which keeps them stratified. So this takes the
+// point whose shifted position lies in the stratum.
 fn stratified(stratum: u32, seed: u32) -> vec2f {
     let shift = vec2u(hash2(seed, 0u), hash2(seed, 1u));
-    // The highest bits of a coordinate tell its stratum. There may be none of them.
+    // The highest bits of a coordinate are its stratum. Their number may be 0.
     let bits = vec2u(countTrailingZeros(gather_pass.rings), countTrailingZeros(gather_pass.sectors));
     let leading = (shift >> vec2u(1u)) >> (31u - bits);
     let ring = (stratum % gather_pass.rings) ^ leading.x;
@@ -199,7 +199,7 @@ fn arrange_paths() {
 struct RecordSums {
     radiance: vec3f,
     inverse_distances: f32,
-    // Of the differences of rays of neighbouring strata, squared.
+    // Sum of squared differences between rays of neighbouring strata.
     squares: f32,
     // The translational gradient, by channel.
     translation: mat3x3f,
@@ -280,7 +280,7 @@ fn record(
     let frame = basis(normal);
     var sums: RecordSums;
     for (var k = 0u; k < gather_pass.sectors; k++) { add_sector(&sums, i * rays, k, frame, min_distance); }
-    // Means over all waves. What buffers hold before the first one is never used, whatever it is.
+    // Means over all waves. Before the first wave the contents of the buffers are undefined, and are not used.
     let values = id * RECORD_VALUE_TEXELS;
     let share = f32(rays) / f32(gather_pass.earlier_rays + rays);
     let weight = PI / f32(rays);
@@ -289,8 +289,8 @@ fn record(
     @if(smooth_normals || normal_maps) var rotation = sums.rotation * weight;
     var inverse_distance = sums.inverse_distances / f32(rays);
     // Half of the mean squared difference of neighbours is the variance of a ray within its stratum, or more: all have
-    // one in the next sector, and all but those of the first ring one in the ring below. What a later wave differs by
-    // from those before tells better, as neighbouring strata differ by more than noise.
+    // one in the next sector, and all but those of the first ring one in the ring below. The difference of
+    // a later wave from the earlier ones is a better estimate, because neighbouring strata differ by more than noise.
     let pairs = f32(2u * rays - gather_pass.sectors);
     var variance = 0.5 * sums.squares / pairs * weight * weight * f32(rays);
     if gather_pass.earlier_rays > 0u {

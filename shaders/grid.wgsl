@@ -176,8 +176,9 @@ fn classify_cells(
     cell_class_words[cell] = words;
 }
 
-// Two normals of the photons from `begin` to `end` that do not depend on their order: that of the smallest code and the
-// one farthest from it, or NO_CODE. Most cells have photons of one surface, those at edges of two.
+// Two normals of the photons from `begin` to `end`: the one with the smallest code, so that the choice does not depend
+// on their order, and the one farthest from it, or NO_CODE. Most cells have photons of one surface, cells at edges have
+// two.
 fn surface_normals(begin: u32, end: u32) -> vec2u {
     var first = NO_CODE;
     for (var p = begin; p < end; p++) { first = min(first, load_photon(p).w & PHOTON_NORMAL_MASK); }
@@ -227,8 +228,8 @@ fn cluster_of_photons(index: u32, begin: u32, end: u32, code: u32) -> Cluster {
     return Cluster(light_of_index(index), cell_of_index(index), code, low, high, cos_spread);
 }
 
-// The requested cells to classify: none where there are more requests than entries, since which cells have an entry
-// then depends on the order of invocations.
+// The requested cells to classify. If there are more requests than entries, none are classified, because which cells
+// have an entry then depends on the order of invocations.
 @if(visibility_map)
 @compute @workgroup_size(1)
 fn arrange_requests() {

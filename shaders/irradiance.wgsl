@@ -44,7 +44,7 @@ struct IrradianceParameters {
     step: f32,
     // Radius of a disc, relative to that of a disc with k photons.
     shrink: f32,
-    // The first of the lights whose unshadowed light is added. From the second such list on nothing else is.
+    // The first of the lights whose unshadowed light is added. Later dispatches with further lights add nothing else.
     first_light: u32,
 }
 
@@ -60,9 +60,10 @@ var<immediate> irradiance_pass: IrradianceParameters;
 // invocation.
 const MAX_VISITS = 16384u;
 
-// Maximum radius of the disc of an irradiance point, in cells. Where photons are sparse, as in a room that is lit
-// through a door ajar, discs of one cell hold few, and are valid for few of the gather rays that land there: the others
-// go on as paths, which are slower and vary more. Eight cells gained nothing over four in scenes/door.glb.
+// Maximum radius of the disc of an irradiance point, in cells. Where photons are sparse, such as in a room that is lit
+// through a door ajar, discs of one cell hold few photons, and are valid for few of the gather rays that land there.
+// The other rays continue as paths, which are slower and have more variance. Eight cells were no better than four in
+// scenes/door.glb.
 const MAX_REACH_WHERE_SPARSE = 4.0;
 
 // The same at the points of a tile: within one cell a disc holds no more photons than the 27 cells around it, so that
@@ -83,7 +84,7 @@ fn irradiance(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    // Lanes without a point trace no rays beside the others.
+    // Lanes without a point trace no rays together with the others.
     let there = i < irradiance_pass.count;
     let photon = irradiance_points[min(i, irradiance_pass.count - 1u)];
     let found = irradiance_at(photon.position, photon_normal(photon.word), MAX_REACH_WHERE_SPARSE, there, lane);

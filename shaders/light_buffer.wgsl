@@ -3,7 +3,7 @@
 // they list. Out: class words. A point is lit if none of the surfaces that its cell lists in front of it can hide a
 // part of the light, shadowed if one triangle hides the whole light, unknown if the list ends before it, else boundary.
 //
-// All bounds are on the safe side: what is called lit or shadowed is so, up to rounding.
+// All bounds are conservative: a point classified lit or shadowed is so, up to rounding.
 
 import package::kit::group_index;
 import package::lib::bvh::triangle_corners;
@@ -29,12 +29,12 @@ struct LightBufferParameters {
 
 // A light and where its cells are.
 struct BufferedLight {
-    // Of the sphere around it; the unit vector towards a directional light.
+    // Centre of the sphere around it; the unit vector towards a directional light.
     centre: vec3f,
     radius: f32,
     // Axes across a directional light.
     right: vec3f,
-    // Cells along a side; 0 of the environment, which has none.
+    // Cells along a side; 0 for the environment, which has no cells.
     side: u32,
     up: vec3f,
     first_cell: u32,
@@ -50,10 +50,10 @@ var<immediate> light_buffer_pass: LightBufferParameters;
 @group(0) @binding(2) var<storage, read> buffered_lights: array<BufferedLight>;
 // The first texel of each cell's list, above OCCLUDER_COUNT_BITS bits for the number of its texels.
 @group(0) @binding(3) var<storage, read> buffer_cells: array<u32>;
-// By depth: entries of two words, two a texel.
+// The entries of each list by depth: two words each, two entries per texel.
 @if(texture_loads) @group(0) @binding(4) var occluder_lists: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(0) @binding(4) var<storage, read> occluder_lists: array<vec4u>;
-// Of each triangle the unit normal, and the plane's distance from the origin along it.
+// For each triangle, the unit normal, and the plane's distance from the origin along it.
 @if(texture_loads) @group(0) @binding(5) var occluder_planes: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(0) @binding(5) var<storage, read> occluder_planes: array<vec4f>;
 
@@ -96,14 +96,15 @@ fn cell_and_depth(light: BufferedLight, position: vec3f) -> CellDepth {
     return CellDepth(light.first_cell + (face * light.side + cell.y) * light.side + cell.x, depth);
 }
 
-// What a surface does to the light at a point.
+// Effect of a surface on the light at a point.
 const HIDES_NOTHING = 0u;
 const MAY_HIDE = 1u;
 const HIDES_ALL = 2u;
 
 // Where rays from a point to a light begin and end.
 struct Shaft {
-    // Of the point itself, whose normal they go along; and of the rays, which are kept clear of its surface.
+    // Position and normal of the point, and the origin of the rays, which is offset along the normal to keep them clear
+    // of the surface.
     position: vec3f,
     normal: vec3f,
     origin: vec3f,

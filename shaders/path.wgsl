@@ -86,7 +86,7 @@ fn path(
     @if(highlights) { items = atomicLoad(&path_count[0]); }
     let there = i < items;
     @if(irradiance_cache || highlights) { if there { i = path_points[i]; } }
-    // Lanes without a point trace no rays beside the others.
+    // Lanes without a point trace no rays together with the others.
     let begins = there && load_point(i).normal != INVALID_POINT && light_count() > 0u;
     var found = radiance_along(i, begins, lane);
     if there {

@@ -1,6 +1,6 @@
 // photons: rays from the lights, straight on through everything they hit. The first surface stores an illumination
-// photon, every later one a shadow photon. In: the lights and the hierarchy (normalised space). Out: photons in any
-// order, appended to `traced_photons`, and counts by light. Paper, "Extending the photon map": shadow photons.
+// photon, every later one a shadow photon. In: the lights and the BVH (normalised space). Out: photons in any order,
+// appended to `traced_photons`, and counts by light. Paper, "Extending the photon map": shadow photons.
 
 import package::kit::group_index;
 import package::lib::math::oct_encode7;
@@ -67,8 +67,8 @@ fn arrival(primitive: u32, direction: vec3f) -> Arrival {
     return Arrival(select(-normal, normal, faces), stores);
 }
 
-// Shadow photons of a ray. Of more than fit, those whose primitives have the smallest hashes: a random sample that does
-// not depend on the order of the hits.
+// Shadow photons of a ray. If there are more than fit, the ones whose primitives have the smallest hashes are kept: a
+// random sample that does not depend on the order of the hits.
 struct Kept {
     count: u32,
     // Hits that would store, kept or not.
@@ -94,7 +94,7 @@ fn keep(kept: ptr<function, Kept>, t: f32, primitive: u32, found: Arrival) {
     if !found.stores { return; }
     let full = (*kept).count == shadow_photons_per_ray;
     let priority = hash2(primitive, (*kept).seed);
-    // Of many hits most end here, without a loop: loops share the budget of the traversal.
+    // If there are many hits, most end here, without a loop: loops share the budget of the traversal.
     if full && priority >= (*kept).largest {
         (*kept).hits++;
         return;
@@ -151,7 +151,7 @@ fn meet_triangle(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, hit
 @if(procedurals) const CROSSING_SHIFT = 8u;
 
 // Adds the crossings of the ray with procedural objects: the first one of each, and those behind it as far as the loop
-// budget goes. Surfaces of an object behind so many others then have too few photons, and need shadow rays.
+// budget allows. Surfaces of an object behind very many others then have too few photons, and need shadow rays.
 @if(procedurals)
 fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, ray: Ray) {
     procedural_ray_iterations = 0u;
@@ -206,7 +206,7 @@ fn photons(
     var light = 0u;
     var stored = 0u;
     var rank = 0u;
-    // Lanes without a ray trace none beside the others.
+    // Lanes without a ray trace none together with the others.
     let there = i < photon_pass.ray_count;
     var ray = no_ray();
     if there {

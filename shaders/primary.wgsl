@@ -3,8 +3,8 @@
 // In: the scene, the camera.
 // Out: `points` and `surfaces`, the visible surface of each sample; `radiance_direct`, the emission that the ray meets,
 // with w 1 where it met anything, the environment included unless that is hidden (the image's alpha); the AOVs that
-// were requested; the guides of denoisers, which are of the surface at the end of a specular chain, and tell what
-// chance chose. Positions are in scene units after normalisation.
+// were requested; the guides of denoisers, which are of the surface at the end of a specular chain, and store the
+// random choices. Positions are in scene units after normalisation.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, pixel_by_pixel, tile_pixel, tile_sample, pixel_seed};
@@ -126,8 +126,8 @@ fn primary(
     @if(aov_position) { position_samples[i] = position; }
 }
 
-// What chance chose for the camera's ray: x is 1 if it chose the surface that the ray shows, and y is 1 if that is a
-// reflection in glass or a blended surface rather than what is behind.
+// Random choices of the camera ray: x is 1 if the surface that the ray shows was chosen at random; y is 1 if it is a
+// reflection in glass or a blended surface, and not the surface behind.
 @if(guides) var<private> chance: vec2f;
 
 @if(guides && alpha_test)
@@ -137,7 +137,7 @@ fn chance_of_blending(hit: Hit) -> vec2f {
     return vec2f(f32(stopped || passed), f32(stopped));
 }
 
-// Maximum number of links of a specular chain. After so many, a few thousandths of the light that entered glass are
+// Maximum number of links of a specular chain. After this many, a few thousandths of the light that entered glass are
 // left in it.
 @if(specular_chains) const MAX_LINKS = 32u;
 

@@ -54,7 +54,7 @@ struct ShadeParameters {
 @group(0) @binding(2) var<storage, read> classes: array<u32>;
 @group(0) @binding(3) var<storage, read> visibility: array<u32>;
 @group(0) @binding(4) var<storage, read_write> radiance_direct: array<vec4f>;
-// Of each candidate, for the AOV: class (of the render's first sample, else 0), visibility, n_i, n_s.
+// Class (of the render's first sample, else 0), visibility, n_i and n_s of each candidate, for the AOV.
 @if(aov_shadow) @group(0) @binding(5) var<storage, read_write> shadow_samples: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
 // The points whose lights are sampled, and the lengths of the tile's queues.
@@ -106,16 +106,17 @@ fn contribution(shading: ShadingPoint, sampled: LightSample, light: u32, with_re
 
 // The terms of the estimator that an entry point adds.
 struct Terms {
-    // What the classes tell: the closed form, and light points without shadow rays for the diffuse part of the BSDF.
+    // Terms that follow from classes: the closed form, and light points without shadow rays for the diffuse part of the
+    // BSDF.
     decided: bool,
-    // The rest: highlights, audits, light points with shadow rays.
+    // The other terms: highlights, audits, light points with shadow rays.
     others: bool,
 }
 
 struct Estimate {
     radiance: vec3f,
     visibility: f32,
-    // Whether there are other terms than those that classes tell.
+    // Whether there are terms that do not follow from classes.
     others: bool,
 }
 
@@ -137,15 +138,16 @@ fn given(shading: ShadingPoint, light: u32, word: u32) -> Given {
     var visibility = class_visibility(word);
     if is_decided(class_) { visibility = f32(class_ == CLASS_LIT); }
     let traced = traces_shadow_rays(word);
-    // Nearly all boundary points are wholly lit or wholly dark: where the rounded visibility is the true one, nothing
-    // is left to noise. A visibility in between would leave some at all of them: near a wall of a dark room, the noise
-    // of the light behind it.
+    // Nearly all boundary points are wholly lit or wholly dark: if the rounded visibility is the true one, no noise
+    // remains. A visibility in between would leave noise at all of them: near a wall of a dark room, the noise of the
+    // light behind the wall.
     if traced { visibility = round(visibility); }
     var closed = false;
     @if(closed_forms) {
-        // Without visible light there is nothing for a closed form to tell.
+        // Without visible light a closed form has no contribution.
         if visibility > 0.0 { closed = light_has_closed_form(light); }
-        // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
+        // If the light crosses the horizon of the geometric normal but not that of the shading normal, only light
+        // points are correct.
         @if(smooth_normals || normal_maps) {
             if closed && !shading.flat {
                 closed = light_dark(light, shading.position, -shading.surface.geometric_normal);
@@ -161,7 +163,7 @@ fn visibility_bit(candidate: u32, j: u32) -> u32 {
     return (visibility[candidate * parameters.visibility_words + (j >> 5u)] >> (j & 31u)) & 1u;
 }
 
-// The light points' part of the estimate, and the share of them that is visible where they are traced.
+// The light points' part of the estimate, and the visible share of them if shadow rays are traced.
 struct LightPoints {
     radiance: vec3f,
     visible: f32,
@@ -187,7 +189,7 @@ fn sum_light_points(
     terms: Terms,
 ) -> LightPoints {
     let count = light_point_count(shading, light, known);
-    // The closed form has told that much of the diffuse part.
+    // The part of the diffuse light that the closed form already accounts for.
     let told = select(0.0, known.visibility, known.closed);
     let diffuse = select(terms.decided, terms.others, known.deferred);
     var sum = vec3f(0.0);
@@ -262,8 +264,7 @@ fn audited_contribution(shading: ShadingPoint, light: u32) -> vec3f {
     return all;
 }
 
-// Adds terms of the light of the chunk's lights to a point. Returns whether there are others than those that classes
-// tell.
+// Adds terms of the chunk's lights to a point. Returns whether there are terms that do not follow from classes.
 fn shade_point(i: u32, terms: Terms) -> bool {
     let point_count = parameters.tile.point_count;
     let point = load_point(i);

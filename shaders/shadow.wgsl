@@ -1,7 +1,7 @@
 // shadow: shadow rays of the candidates (a point and a light of the chunk: light * point_count + point) that the
 // photons do not decide, and audits of those that they decide. In: queues of candidates, points (normalised space), the
-// hierarchy. Out: the visibilities of each candidate's light points, a bit each, in `visibility`; photons that repair
-// the visibility map where an audit contradicts a class. Paper, "Extending the photon map": case 3.
+// BVH. Out: the visibilities of each candidate's light points, a bit each, in `visibility`; photons that repair the
+// visibility map where an audit contradicts a class. Paper, "Extending the photon map": case 3.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -42,25 +42,25 @@ struct ShadowParameters {
 // Candidates to trace, and candidates to audit.
 @group(0) @binding(2) var<storage, read> boundary_queue: array<u32>;
 @if(audit) @group(0) @binding(3) var<storage, read> audit_queue: array<u32>;
-// By queue.
+// The length of each queue.
 @group(0) @binding(8) var<storage, read> queue_lengths: array<u32, QUEUE_COUNT>;
 @group(0) @binding(4) var<storage, read_write> visibility: array<u32>;
 @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 @group(0) @binding(9) var<storage, read_write> radiance_direct: array<vec4f>;
-// Photons of the other kind where an audit contradicted a class, and how many.
-// In one binding, of which devices allow few: first how many, from word REPAIR_PHOTONS on the photons.
+// Photons of the other kind where an audit contradicted a class: first their number, then, from word REPAIR_PHOTONS,
+// the photons. They share one binding, because devices allow few.
 @if(audit && visibility_map) @group(0) @binding(6) var<storage, read_write> repairs: array<atomic<u32>>;
 
 var<immediate> parameters: ShadowParameters;
 
 var<workgroup> rays_traced: atomic<u32>;
-// Of `shadow` candidates in penumbra, of `audit` wrong classes.
+// In `shadow`, candidates in penumbra; in `audit`, wrong classes.
 var<workgroup> mixed_points: atomic<u32>;
-// Of the candidates in penumbra.
+// Rays of the candidates in penumbra.
 var<workgroup> mixed_rays: atomic<u32>;
 @if(audit) var<workgroup> wrong_near: atomic<u32>;
 
-// What the rays of a candidate depend on.
+// The inputs of a candidate's rays.
 struct Candidate {
     position: vec3f,
     normal: vec3f,
@@ -89,7 +89,8 @@ fn drop_sample(candidate: u32) {
     radiance_direct[i] = vec4f(invalid_sample(i));
 }
 
-// A candidate of a queue, and whether there is one: lanes beyond the queue's end trace no rays beside the others.
+// A candidate of a queue, and whether there is one: lanes beyond the queue's end trace no rays together with the
+// others.
 struct Queued {
     candidate: u32,
     there: bool,
@@ -233,7 +234,7 @@ fn audit_candidate(queued: Queued, lane: u32) -> bool {
     if faces { ray = shadow_ray(c.position, c.normal, sampled); }
     let ray_sample = RaySample(~hash2(c.seed, DIMENSION_SHADOW_ALPHA + c.light), c.sample_index);
     let visible = !trace_occluded_together(ray, ray_sample, lane);
-    // Where the light point faces away no ray is traced, and the class stands.
+    // If the light point faces away, no ray is traced, and the class is kept.
     if !faces { return lit; }
     atomicAdd(&rays_traced, 1u);
     @if(fine_cells) { store_in_fine_cell(c, u32(visible), u32(!visible)); }

@@ -40,7 +40,7 @@ var<workgroup> lane_firsts: array<u32, GROUP>;
 var<workgroup> last_bucket: u32;
 var<workgroup> room_in_last: u32;
 
-// The bucket of what a light sends to the zone; 0 where none of its photons arrived.
+// The bucket for the light that a light sends to the zone; 0 if none of its photons arrived.
 fn bucket_of(light: u32) -> u32 {
     if light >= zones_pass.light_count { return 0u; }
     let arrived = atomicLoad(&tallies[light]) & 0xffffu;

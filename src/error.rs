@@ -26,7 +26,7 @@ pub enum Error {
         file: PathBuf,
         /// Where in the file: a JSON pointer (`/accessors/3`), an EXR channel, or `file` for the whole.
         location: String,
-        /// What is wrong there, and what to do where that is not plain.
+        /// The problem, and the remedy where it is not obvious.
         problem: String,
     },
     /// An output file that cannot be written.
@@ -42,7 +42,7 @@ pub enum Error {
     Setting {
         /// The setting, as the path of its field in [`crate::Settings`]: `visibility_map.nearest`.
         name: &'static str,
-        /// What is wrong with it, and its range.
+        /// The problem, and the setting's range.
         problem: String,
     },
     /// Wrong use of a function in another way, such as a name that does not exist.
@@ -85,7 +85,7 @@ pub enum Error {
         needed: u64,
         /// Bytes allowed by the device.
         limit: u64,
-        /// What the user can do.
+        /// The remedy.
         remedy: String,
     },
     /// A counter that a kernel raised: its result cannot be trusted.
@@ -133,7 +133,7 @@ impl Error {
     }
 }
 
-/// The kit knows neither photons nor scenes: what a user of the renderer can do is added here.
+/// The kit has no photons and no scenes, so remedies for users of the renderer are added here.
 impl From<kernel_kit::Error> for Error {
     fn from(error: kernel_kit::Error) -> Self {
         match error {

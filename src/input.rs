@@ -96,8 +96,8 @@ const WEBP_FREE: u64 = 1 << 22;
 /// Texels per byte beyond those. libwebp writes 16383 x 16383 texels of one colour as 10308 bytes: 26038 in each.
 const WEBP_DENSEST: u64 = 1 << 15;
 
-/// Maximum number of texels that one byte of the WebP can encode. Refuses animations, and images whose frame has not
-/// the `size` of the header: the `image` crate makes room for it before it compares them.
+/// Maximum number of texels that one byte of the WebP can encode. Refuses animations, and images whose frame does not
+/// have the `size` of the header: the `image` crate allocates memory for the frame before it compares the two.
 fn webp_densest(bytes: &[u8], size: [u32; 2]) -> std::result::Result<u64, String> {
     let mut rest = bytes.get(12..).unwrap_or(&[]);
     while let Some((head, tail)) = rest.split_first_chunk::<8>() {

@@ -10,9 +10,10 @@ use std::str::FromStr;
 
 use crate::{Error, Result};
 
-/// Default numbers of visibility photons of a light, without and with fine cells. The second only has to tell about
-/// large pieces of surface before shadow rays do. In sphere, box and crowd of scenes/, 8,192 to 131,072 photons gave
-/// the same error at 16 and 64 samples; after 64, 8,192 needed 20 % more rays in the sphere and 3 % more in the box.
+/// Default numbers of visibility photons per light, without and with fine cells. With fine cells, photons only have to
+/// classify large pieces of surface before shadow rays do. In sphere, box and crowd of scenes/, 8,192 to 131,072
+/// photons gave the same error at 16 and 64 samples; after 64 samples, 8,192 photons needed 20 % more rays in the
+/// sphere and 3 % more in the box.
 const MAP_PHOTONS: u32 = 131_072;
 const LEARNING_PHOTONS: u32 = 16_384;
 
@@ -27,8 +28,8 @@ const MIN_PHOTONS: u32 = 4096;
 /// they store fills the smallest storage binding that devices offer (128 MiB, eight million photons).
 const MAX_MAP_PHOTONS: u32 = 1 << 22;
 
-/// Default numbers of photons of the global map and of gather rays per record, of which there are from a sixteenth to
-/// sixteen times as many.
+/// Default numbers of photons of the global map and of gather rays per record. Renders have from a sixteenth to sixteen
+/// times as many.
 const FLUX_PHOTONS: u32 = 65_536;
 const GATHER_RAYS: u32 = 256;
 
@@ -80,7 +81,7 @@ impl LightSampling {
     }
 }
 
-/// A group of channels of the image beside the picture itself.
+/// A group of channels of the image in addition to the picture itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aov {
@@ -292,7 +293,7 @@ impl Settings {
         self
     }
 
-    /// Whether the film keeps what tells the error of the image.
+    /// Whether the film keeps the sums from which the error of the image is estimated.
     pub(crate) fn estimates_error(&self) -> bool {
         let is_requested =
             self.image.denoise != Denoise::None || self.image.noise.is_some() || self.image.shares_samples();
@@ -300,8 +301,8 @@ impl Settings {
         self.image.spp > 1 && is_requested && self.image.piece.is_none()
     }
 
-    /// Whether the shadow rays of earlier samples decide where the map does not. False for a single sample, if the
-    /// image shows what the photons say, and if photons alone are to decide.
+    /// Whether the shadow rays of earlier samples decide where the map does not. This is false for a single sample, if
+    /// the image shows the classes by photons, and if photons alone must decide.
     pub(crate) fn learns_from_shadow_rays(&self) -> bool {
         self.image.spp > 1 && !self.shows_photons()
     }
@@ -311,7 +312,8 @@ impl Settings {
         self.learns_from_shadow_rays() && self.visibility_map.photons_per_light.is_none()
     }
 
-    /// Whether photons alone decide, or the image shows what they say: their number then matters for more than noise.
+    /// Whether photons alone decide, or the image shows the classes by photons: their number then affects more than
+    /// noise.
     pub(crate) fn shows_photons(&self) -> bool {
         let map = &self.visibility_map;
         let shown = self.image.aovs.contains(&Aov::Shadow);
@@ -326,9 +328,10 @@ impl Settings {
         factors.into_iter().fold(1, u64::saturating_mul)
     }
 
-    /// Visibility photons emitted from each light, if [`VisibilityMapSettings::photons_per_light`] does not say:
-    /// 131,072 where the image shows what they tell. Else one for 64 shadow rays that they may save: at least 4,096,
-    /// and at most 16,384 where the shadow rays of earlier samples decide what the map does not, else 131,072.
+    /// Visibility photons emitted from each light, if [`VisibilityMapSettings::photons_per_light`] is `None`: 131,072
+    /// if the image shows the classes by photons. Otherwise one for each 64 shadow rays that they may save, but at
+    /// least 4,096, and at most 16,384 if the shadow rays of earlier samples decide what the map does not, else
+    /// 131,072.
     pub fn photons_per_light(&self) -> u32 {
         let most = if self.learns_from_shadow_rays() { LEARNING_PHOTONS } else { MAP_PHOTONS };
         let default = match self.shows_photons() {
@@ -340,20 +343,20 @@ impl Settings {
         self.visibility_map.photons_per_light.unwrap_or(default)
     }
 
-    /// As [`Settings::photons_per_light`], as far as the map has room for those of `lights` lights.
+    /// Like [`Settings::photons_per_light`], limited to the map's room for the photons of `lights` lights.
     pub(crate) fn photons_of_light(&self, lights: usize) -> u32 {
         self.photons_per_light().min(MAX_MAP_PHOTONS / lights.max(1) as u32)
     }
 
-    /// Photons emitted for the global map, 65,536 if [`IndirectSettings::photons`] does not say. If neither it nor
-    /// [`IrradianceCacheSettings::gather_rays`] does, the first sample has a sixteenth of them. Up to sixteen times as
-    /// many follow.
+    /// Photons emitted for the global map, 65,536 if [`IndirectSettings::photons`] is `None`. If
+    /// [`IrradianceCacheSettings::gather_rays`] is `None` too, the first sample has a sixteenth of them. Up to sixteen
+    /// times as many follow.
     pub fn flux_photons(&self) -> u32 {
         self.indirect.photons.unwrap_or(FLUX_PHOTONS)
     }
 
-    /// Gather rays per irradiance record, 256 if [`IrradianceCacheSettings::gather_rays`] does not say; fewer for the
-    /// first sample and more later, as photons.
+    /// Gather rays per irradiance record: 256 if [`IrradianceCacheSettings::gather_rays`] is `None`. As with photons,
+    /// the first sample has fewer, and later ones have more.
     pub fn gather_rays(&self) -> u32 {
         self.indirect.irradiance_cache.gather_rays.unwrap_or(GATHER_RAYS)
     }

@@ -22,13 +22,13 @@ class Costs:
 
     # Once for each process: the import of the scene, the device, and its kernels.
     start: float
-    # For each piece with all samples of a tile: hierarchy, photons and irradiance records, of all stages.
+    # For each piece with all samples of a tile: BVH, photons and irradiance records, of all stages.
     tile_set_up: float
-    # For each range of samples after the first: those of all stages up to its first sample.
+    # For each range of samples after the first: records and photons of all stages up to its first sample.
     range_set_up: float
     # For each sample of all pixels.
     sample: float
-    # Of the scene, and of a piece's file.
+    # Sizes of the scene's and of a piece's file.
     scene_bytes: int
     piece_bytes: int
     # Reading and adding a piece; writing the image.

@@ -17,6 +17,7 @@ import hashlib
 import json
 import os
 import pathlib
+import shutil
 import tempfile
 import urllib.parse
 from collections.abc import Callable, Iterable, Iterator
@@ -29,7 +30,7 @@ import penumbra
 
 __all__ = ["Piece", "Rendered", "render"]
 
-# As the program's file names: names sort as frames do.
+# As in the program's file names: names sort like frames.
 _DIGITS = 4
 # Tasks that wait for a free worker, for each frame's first piece: more would fill the scheduler, fewer would let
 # workers wait.
@@ -97,6 +98,9 @@ def render(
     numbers: list[int | None] = [None] if frames is None else list(frames)
     if frames is not None and "{frame}" not in output:
         raise penumbra.Error(f"{output}: frames are many files, so the name must contain {{frame}}")
+    if not fps > 0:
+        raise penumbra.Error(f"fps is {fps}; it must be more than 0")
+    _check_target(pathlib.Path(output))
     cuts = list(_cuts(spp, ranges, tiles, settings))
     if not ray.is_initialized():
         ray.init()
@@ -137,6 +141,18 @@ def render(
                 ray.cancel(reference)
 
 
+def _check_target(output: pathlib.Path) -> None:
+    """Finds what would keep images from being written, before a cluster works for them."""
+    if output.suffix.lower() not in (".exr", ".png"):
+        raise penumbra.Error(f"{output}: an image is written as .exr or .png")
+    if "{frame}" in str(output.parent):
+        return
+    if not output.parent.is_dir():
+        raise penumbra.Error(f"{output}: there is no folder {output.parent}")
+    if not os.access(output.parent, os.W_OK):
+        raise penumbra.Error(f"{output}: the folder {output.parent} cannot be written to")
+
+
 def _get(reference: ray.ObjectRef[Any]) -> tuple[bytes, dict[str, Any], str]:
     try:
         return ray.get(reference)  # type: ignore[no-any-return]
@@ -168,10 +184,17 @@ class _Assembly:
         files[-1].write_bytes(data)
         if len(files) < self.cuts:
             return
-        if self.whole:
-            penumbra.read(files[0]).save(name)
-        else:
-            penumbra.merge(files, **self.denoise).save(name)
+        try:
+            if self.whole:
+                penumbra.read(files[0]).save(name)
+            else:
+                penumbra.merge(files, **self.denoise).save(name)
+        except penumbra.Error as problem:
+            # A full disk, for instance: the work of the cluster stays.
+            kept = tempfile.mkdtemp(prefix="penumbra-pieces-")
+            for file in files:
+                shutil.move(file, kept)
+            raise penumbra.Error(f"{problem}; the pieces of the image are in {kept}, for penumbra.merge") from problem
         for file in self.files.pop(piece.frame):
             file.unlink()
 

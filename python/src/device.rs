@@ -3,26 +3,43 @@
 use std::cell::Cell;
 use std::ops::{Deref, DerefMut};
 use std::process;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 use penumbra::{Device, DeviceChoice};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::error::of_library;
+use crate::error::{error, of_library};
 
 /// A device that renders take turns to use.
 pub type Shared = Arc<Mutex<Device>>;
 
-/// A device that is open: in which process, since a fork cannot use its parent's, and by which choice.
+/// An open device, and the choice that opened it.
 struct Open {
-    process: u32,
     choice: DeviceChoice,
     device: Shared,
 }
 
 static OPEN: Mutex<Vec<Open>> = Mutex::new(Vec::new());
+
+/// The process that used the library first.
+static PROCESS: OnceLock<u32> = OnceLock::new();
+
+/// Does `work` without the interpreter's lock.
+///
+/// # Errors
+/// If another process used the library, and this one was forked from it: a fork has neither the threads of its parent
+/// nor its devices, and would wait for them for ever.
+pub fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    if *PROCESS.get_or_init(process::id) != process::id() {
+        return Err(error(
+            "this process was forked from one that has used penumbra, whose threads and devices it lacks: start \
+             processes by multiprocessing.set_start_method('spawn')",
+        ));
+    }
+    Ok(py.detach(work))
+}
 
 /// What a mutex guards. A render that panicked has left nothing half-done in a device.
 pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -85,8 +102,7 @@ pub fn choice(value: Option<&Bound<'_, PyAny>>) -> PyResult<DeviceChoice> {
 /// The device of that choice, which keeps its kernels: notebooks render the same scene again and again.
 pub fn open(choice: &DeviceChoice) -> penumbra::Result<Shared> {
     let mut all = lock(&OPEN);
-    let process = process::id();
-    if let Some(open) = all.iter_mut().find(|open| open.process == process && open.choice == *choice) {
+    if let Some(open) = all.iter_mut().find(|open| open.choice == *choice) {
         // A device that lacked memory once refuses all later work; one that renders now is not looked at.
         if open.device.try_lock().is_ok_and(|device| device.check("device").is_err()) {
             open.device = Arc::new(Mutex::new(open_anew(choice)?));
@@ -94,7 +110,7 @@ pub fn open(choice: &DeviceChoice) -> penumbra::Result<Shared> {
         return Ok(open.device.clone());
     }
     let device = Arc::new(Mutex::new(open_anew(choice)?));
-    all.push(Open { process, choice: choice.clone(), device: device.clone() });
+    all.push(Open { choice: choice.clone(), device: device.clone() });
     Ok(device)
 }
 
@@ -102,7 +118,7 @@ pub fn open(choice: &DeviceChoice) -> penumbra::Result<Shared> {
 pub fn open_anew(choice: &DeviceChoice) -> penumbra::Result<Device> {
     let device = Device::open(choice)?;
     device.keep_kernels();
-    // That of the program.
+    // The program's folder of kernels.
     if let Some(folder) = dirs::cache_dir() {
         device.keep_composed(folder.join("penumbra").join("kernels"));
     }
@@ -112,10 +128,11 @@ pub fn open_anew(choice: &DeviceChoice) -> penumbra::Result<Device> {
 /// The Vulkan devices of this machine: a dict each, in the order of their indices.
 #[pyfunction]
 pub fn devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
-    let found = py.detach(Device::list);
+    let found = detached(py, Device::list)?;
     if found.is_empty() {
         // The error says how to get a driver.
-        py.detach(|| Device::open(&DeviceChoice::Best).map(drop).map_err(penumbra::Error::from)).map_err(of_library)?;
+        detached(py, || Device::open(&DeviceChoice::Best).map(drop).map_err(penumbra::Error::from))?
+            .map_err(of_library)?;
     }
     found.iter().map(|device| crate::result::dict(py, device)).collect()
 }

@@ -70,7 +70,7 @@ const KEYWORDS: &[Keyword] = keywords! {
     "light_scale" => light_scale;
 };
 
-/// What else the library names in messages, and the keyword.
+/// Other names in the library's messages, and their keywords.
 const OTHERS: &[(&str, &str)] = &[("time", "at")];
 
 /// A text of the library with keywords in place of the names of settings.
@@ -93,7 +93,7 @@ pub fn take_settings(keywords: &Bound<'_, PyDict>) -> PyResult<Settings> {
     Ok(settings)
 }
 
-/// Takes a keyword; none if it is not there, or None.
+/// Takes a keyword; `None` if it is missing, or Python's None.
 pub fn take<'py>(keywords: &Bound<'py, PyDict>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
     let Some(value) = keywords.get_item(name)? else { return Ok(None) };
     keywords.del_item(name)?;

@@ -10,7 +10,7 @@ use penumbra::{Camera, Denoiser, DeviceChoice, Image, Renderer, Settings, Statis
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
-use crate::device::{Turn, open, open_anew};
+use crate::device::{Turn, detached, open, open_anew};
 use crate::error::{Interrupted, error, of_library};
 use crate::result::RenderResult;
 
@@ -28,7 +28,7 @@ pub struct Job {
     pub import: f64,
 }
 
-/// What ends a render beside its samples.
+/// Limits that end a render, in addition to its number of samples.
 pub struct Limits {
     pub seconds: Option<f64>,
     /// The user gives no number of samples.
@@ -77,17 +77,20 @@ pub fn run(py: Python<'_>, mut job: Job) -> PyResult<RenderResult> {
         return Err(error(problem));
     }
     job.settings.check().map_err(of_library)?;
+    if job.settings.image.piece.is_some() && job.limits.seconds.is_some() {
+        return Err(error("time cannot be with samples: how many samples a pixel gets would depend on chance"));
+    }
     let budget = |seconds| match Duration::try_from_secs_f64(seconds) {
         Ok(time) if !time.is_zero() => Ok(time),
         _ => Err(error(&format!("time is {seconds}; it must be a finite number of seconds, more than 0"))),
     };
     let time = job.limits.seconds.map(budget).transpose()?;
     let scene_notes: Vec<String> = job.scene.notes.iter().cloned().chain(job.scene.clipped_away(&job.camera)).collect();
-    let (outcome, notes) = py.detach(|| {
+    let (outcome, notes) = detached(py, || {
         let mut notes = scene_notes;
         let outcome = render(&job, time, &mut notes);
         (outcome, notes)
-    });
+    })?;
     let result = |image, mut statistics: Statistics| {
         let mut notes = notes.clone();
         notes.append(&mut statistics.notes);
@@ -99,7 +102,14 @@ pub fn run(py: Python<'_>, mut job: Job) -> PyResult<RenderResult> {
         RenderResult::new(py, image, &statistics)
     };
     match outcome {
-        Ok(Done { image, statistics, stopped: None }) => result(image, statistics),
+        Ok(Done { image, statistics, stopped: None }) => {
+            let result = result(image, statistics)?;
+            // A signal that arrived after the last batch, as while denoising, would be raised before the caller has it.
+            match py.check_signals() {
+                Ok(()) => Ok(result),
+                Err(stop) => Err(interrupted(py, stop, Some(result))?),
+            }
+        }
         Ok(Done { image, statistics, stopped: Some(stop) }) => {
             let result = if statistics.samples > 0 { Some(result(image, statistics)?) } else { None };
             Err(interrupted(py, stop, result)?)
@@ -115,9 +125,11 @@ pub fn run(py: Python<'_>, mut job: Job) -> PyResult<RenderResult> {
     }
 }
 
-/// A KeyboardInterrupt as one that has the result; other exceptions as they are.
+/// An `Interrupted` in place of a KeyboardInterrupt; other exceptions as they are. Each has the result.
 fn interrupted(py: Python<'_>, stop: PyErr, result: Option<RenderResult>) -> PyResult<PyErr> {
     if !stop.is_instance_of::<PyKeyboardInterrupt>(py) {
+        // Some exceptions take no further attribute.
+        let _ = stop.value(py).setattr("result", result);
         return Ok(stop);
     }
     let raised = Interrupted::new_err("the render was interrupted; `result` has its samples so far");
@@ -192,11 +204,11 @@ fn sample(
     Ok(None)
 }
 
-/// Calls the user's function; whether the render goes on.
+/// Calls the user's function. Returns whether the render continues.
 fn report(py: Python<'_>, function: Option<&Py<PyAny>>, progress: Progress) -> PyResult<bool> {
     py.check_signals()?;
     let Some(function) = function else { return Ok(true) };
     let answer = function.bind(py).call1((progress,))?;
-    // A signal that arrives while Python code runs is raised by that code.
-    Ok(!answer.is(pyo3::types::PyBool::new(py, false)))
+    // A signal that arrives while Python code runs is raised by that code. Numpy has a `False` of its own.
+    Ok(answer.extract().unwrap_or(true))
 }

@@ -9,7 +9,7 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::arrays;
-use crate::device::{Turn, choice, open};
+use crate::device::{Turn, choice, detached, open};
 use crate::error::{error, of_library};
 
 /// What a render gives, or an image file.
@@ -54,7 +54,7 @@ impl RenderResult {
             Some(denoised) => denoised.to_png(view, exposure),
             None => self.rendered.to_png(view, exposure),
         };
-        py.detach(shown).map_err(of_library)
+        detached(py, shown)?.map_err(of_library)
     }
 }
 
@@ -116,7 +116,7 @@ impl RenderResult {
             Some(denoised) => denoised.write(&path, view, exposure),
             None => self.rendered.write(&path, view, exposure),
         };
-        py.detach(write).map_err(of_library)
+        detached(py, write)?.map_err(of_library)
     }
 
     /// A PNG of the image, tone-mapped by a view (neutral, agx, standard or raw), with `exposure` in stops.
@@ -146,7 +146,7 @@ pub fn dict<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bou
 /// Reads an image file, .exr, .png or .hdr; its colours become scene-linear.
 #[pyfunction]
 pub fn read(py: Python<'_>, path: PathBuf) -> PyResult<RenderResult> {
-    let image = py.detach(|| Image::read(path)).map_err(of_library)?;
+    let image = detached(py, || Image::read(path))?.map_err(of_library)?;
     Ok(RenderResult::of_image(py, image))
 }
 
@@ -181,6 +181,6 @@ pub fn merge(
             }
         }
     };
-    let image = py.detach(merge).map_err(of_library)?;
+    let image = detached(py, merge)?.map_err(of_library)?;
     Ok(RenderResult::of_image(py, image))
 }

@@ -9,7 +9,7 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::device;
+use crate::device::{self, detached};
 use crate::error::{error, of_library};
 use crate::keywords::{self, take, take_as};
 use crate::render::{self, Job, Limits};
@@ -90,7 +90,7 @@ impl Scene {
         if options.time.is_none() && (options.animation.is_some() || options.repeat) {
             return Err(error("animation and loop need at, the seconds from the beginning of the animation"));
         }
-        py.detach(|| File { path, options, environment }.read()).map_err(of_library)
+        detached(py, || File { path, options, environment }.read())?.map_err(of_library)
     }
 
     /// The scene of the same file, `seconds` after the beginning of its animation.
@@ -101,7 +101,7 @@ impl Scene {
         if let Some(animation) = animation {
             file.options.animation = Some(name_or_index(animation, "animation")?);
         }
-        py.detach(|| file.read()).map_err(of_library)
+        detached(py, || file.read())?.map_err(of_library)
     }
 
     /// Renders the scene.

@@ -37,6 +37,7 @@ def test_errors_of_files_are_the_librarys(tmp_path):
         ({"camera": 99}, "no camera is called '99'"),
         ({"crop": (0, 0, 9999, 1)}, "^crop is 9999 x 1 pixels"),
         ({"time": -1.0}, "^time is -1; "),
+        ({"time": 1.0, "samples": (0, 8)}, "^time cannot be with samples"),
         ({"focus": 1.0}, "need aperture"),
         ({"aperture": 0.0}, "^aperture: an f-number is"),
         ({"aperture": 2.0, "focus": -1.0}, "^aperture: a distance of focus is"),
@@ -94,8 +95,9 @@ def test_an_exception_of_the_callback_ends_the_render(box, device):
     def fail(progress):
         raise Mine(progress.samples)
 
-    with pytest.raises(Mine):
+    with pytest.raises(Mine) as raised:
         box.render(width=16, height=16, spp=64, max_bounces=0, device=device, progress=fail)
+    assert 1 <= raised.value.result.samples < 64
     # The device is as it was.
     assert box.render(width=16, height=16, spp=1, max_bounces=0, device=device).samples == 1
 
@@ -115,6 +117,37 @@ def test_ctrl_c_ends_the_render_and_keeps_its_samples(box, device):
         progress=lambda progress: progress.samples < result.samples,
     )
     assert result.image.tobytes() == expected.image.tobytes()
+
+
+def test_ctrl_c_while_denoising_keeps_the_samples(box, device):
+    """A signal after the last batch is raised with the result, not between the render and its assignment."""
+    timer = threading.Timer(0.05, os.kill, [os.getpid(), signal.SIGINT])
+
+    def start(progress):
+        if progress.samples == 2:
+            timer.start()
+
+    # The filter takes far longer than the timer for this many pixels.
+    with pytest.raises(penumbra.Interrupted) as raised:
+        box.render(
+            width=640, height=640, spp=2, max_bounces=0, technique="two-pass", denoise="statistical", device=device,
+            progress=start,
+        )
+    timer.join()
+    assert raised.value.result.samples == 2
+
+
+def test_a_fork_is_told_how_to_start_processes(box):
+    """It lacks the threads of its parent, and would wait for them for ever."""
+    child = os.fork()
+    if child == 0:
+        try:
+            box.at(0.0)
+        except penumbra.Error as error:
+            os._exit(7 if "set_start_method('spawn')" in str(error) else 1)
+        finally:
+            os._exit(2)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
 
 
 def test_a_signal_from_outside_is_seen_without_a_callback(box, device):

@@ -143,6 +143,12 @@ def turning(glb: bytes) -> bytes:
 def test_errors_come_back_as_the_librarys(scenes, tmp_path):
     with pytest.raises(penumbra.Error, match="must contain {frame}"):
         penumbra.ray.render(scenes / "box.glb", tmp_path / "frame.exr", frames=range(2))
+    with pytest.raises(penumbra.Error, match="written as .exr or .png"):
+        penumbra.ray.render(scenes / "box.glb", tmp_path / "whole.jpg")
+    with pytest.raises(penumbra.Error, match="there is no folder"):
+        penumbra.ray.render(scenes / "box.glb", tmp_path / "none" / "whole.exr")
+    with pytest.raises(penumbra.Error, match="^fps is 0"):
+        penumbra.ray.render(scenes / "box.glb", tmp_path / "{frame}.exr", frames=range(2), fps=0)
     with pytest.raises(penumbra.Error, match="^ranges is 17"):
         penumbra.ray.render(scenes / "box.glb", tmp_path / "whole.exr", ranges=17)
     with pytest.raises(penumbra.Error, match="need width and height"):

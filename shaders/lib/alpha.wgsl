@@ -15,8 +15,8 @@ fn alpha_coverage(triangle: u32, u: f32, v: f32) -> f32 {
     return 1.0;
 }
 
-// What chance decided for the rays of an invocation so far: the distance of the nearest blended surface that let one
-// pass, and the last one that stopped one.
+// Random decisions for the rays of an invocation so far: the distance of the nearest blended surface that let a ray
+// pass, and the last surface that stopped one.
 @if(guides) var<private> nearest_passed: f32 = 3.4e38;
 @if(guides) var<private> last_stopping: u32 = NO_HIT;
 

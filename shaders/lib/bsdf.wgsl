@@ -222,7 +222,7 @@ fn diffuse_reflection(s: Surface, direction: vec3f) -> vec3f {
     return bsdf_diffuse(s) * cosine;
 }
 
-// ---- Where paths end and go on
+// ---- Where paths end and continue
 
 // Whether the surface reflects as a metal or a film does, or refracts.
 @if(glossy)
@@ -304,7 +304,7 @@ fn bsdf_seen_afar(s: Surface) -> vec3f {
             return base * facing + reflected;
         }
     }
-    // Paths go on with the residual.
+    // Paths continue with the residual.
     return bsdf_diffuse(s) * cosine;
 }
 
@@ -371,7 +371,7 @@ struct BsdfSample {
     weight: vec3f,
     // The value of `bsdf_residual`.
     @if(glossy) residual: vec3f,
-    // By solid angle; 0 where the direction enters a surface that does not transmit, which ends the path.
+    // Density by solid angle; 0 if the direction enters a surface that does not transmit, which ends the path.
     pdf: f32,
     // The change of radiance over that of flux: refraction into a medium of another index scales radiance, but not a
     // photon's flux.

@@ -69,7 +69,7 @@ fn triangle_corners(primitive: u32) -> array<vec3f, 3> {
     return array(triangle_texel(first).xyz, triangle_texel(first + 1u).xyz, triangle_texel(first + 2u).xyz);
 }
 
-// An entry says what to visit next: a node by its index, or a run of triangles by its first primitive index and, in the
+// An entry is what to visit next: a node by its index, or a run of triangles by its first primitive index and, in the
 // bits above, the number of triangles.
 const ONE_TRIANGLE: u32 = 1u << 29u;
 const NO_ENTRY: u32 = 0xffffffffu;
@@ -82,8 +82,8 @@ const ONE_PENDING: u32 = 1u << 30u;
 // State of a traversal.
 //
 // The stack has an entry for each level that a balanced tree over the maximum number of triangles can have. Software
-// devices clear it before every traversal and write it lane by lane, so it is as small as possible. That of a hierarchy
-// of at most five levels is four registers: traversals of 36 triangles then take a tenth less time.
+// devices clear it before every traversal and write it lane by lane, so it is as small as possible. The stack of
+// a BVH of at most five levels is four registers: traversals of 36 triangles then take a tenth less time.
 struct Traversal {
     sheared: ShearedRay,
     inverse_direction: vec3f,
@@ -106,8 +106,8 @@ struct Traversal {
     @if(instances) outside_inverse: vec3f,
 }
 
-// Keys sort a node's children by the distance at which the ray enters them: the bits of the distance, the last two of
-// them replaced by the child's number. Distances are not negative, so their bits sort as they do.
+// Keys sort a node's children by the distance at which the ray enters them. A key is the bits of the distance, with the
+// last two replaced by the child's number. Distances are not negative, so their bits sort in the same order.
 const NO_KEY: u32 = 0xffffffffu;
 
 fn begin_traversal(ray: Ray) -> Traversal {
@@ -126,7 +126,7 @@ fn begin_traversal(ray: Ray) -> Traversal {
         traversal.outside_sheared = traversal.sheared;
         traversal.outside_inverse = traversal.inverse_direction;
     }
-    // Each traversal of a small scene ends within its budget, yet an invocation may run too many of them.
+    // In a small scene each traversal ends within its budget, but all traversals of an invocation may exceed it.
     traversal_overrun |= traversal_iterations >= MAX_ITERATIONS;
     return traversal;
 }
@@ -180,7 +180,7 @@ fn leave_instance(traversal: ptr<function, Traversal>) {
     }
 }
 
-// Runs one iteration: the primitive index of a triangle to be tested, or NO_HIT where this iteration found none.
+// Runs one iteration. Returns the primitive index of a triangle to be tested, or NO_HIT if this iteration found none.
 fn next_triangle(traversal: ptr<function, Traversal>, t_max: f32) -> u32 {
     if (*traversal).entry == NO_ENTRY {
         @if(instances) leave_instance(traversal);

@@ -1,5 +1,5 @@
-// The triangles of the hierarchy, BVH_TRIANGLE_TEXELS texels each, and behind them the instances (lib/instance).
-// In: the index of a texel. Out: the texel.
+// The triangles of the BVH, BVH_TRIANGLE_TEXELS texels each, and behind them the instances (lib/instance). In: the
+// index of a texel. Out: the texel.
 
 @if(texture_loads && !layered_texels) import package::lib::table::table_texel;
 @if(layered_texels) import package::lib::table::{layer_texel, table_layer};

@@ -1,5 +1,5 @@
-// Cell classes: what the photons say of all points of a surface in a cell, packed into two words, and requests for
-// cells whose own photons do not say it. Distances are in normalised space; packed ones are in cells.
+// Cell classes: the class of all points of a surface in a cell by the photons, packed into two words, and requests for
+// cells that their own photons do not classify. Distances are in normalised space; packed ones are in cells.
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::math::oct_decode7;
@@ -14,8 +14,8 @@ fn load_cell_classes(i: u32) -> vec4u {
     @else { return cell_classes[i]; }
 }
 
-// What holds for every point of a cell whose normal is within `cos_spread` of `normal` and whose offset from the cell's
-// centre along `normal` is within `thickness` of `offset`.
+// A class that holds for every point of a cell whose normal is within `cos_spread` of `normal` and whose offset from
+// the cell's centre along `normal` is within `thickness` of `offset`.
 struct CellClass {
     // Lit, shadowed or boundary. Unknown: fewer than k photons are in reach. Dark: nothing but the reach is certain.
     class_: u32,
@@ -25,8 +25,8 @@ struct CellClass {
     thickness: f32,
     // The nearest k are within this distance; 0 if that is not known.
     reach: f32,
-    // n_i / (n_i + n_s) about the middle of the cell. Of a lit or shadowed cell a step off 1 or 0 if a boundary is
-    // near.
+    // n_i / (n_i + n_s) about the middle of the cell. In a lit or shadowed cell it is a step off 1 or 0 if a boundary
+    // is near.
     visibility: f32,
 }
 
@@ -66,7 +66,7 @@ fn decode_cell_class(words: vec2u, cell: f32) -> CellClass {
     );
 }
 
-// Nothing is known.
+// A class if nothing is known.
 fn no_cell_class() -> CellClass {
     return CellClass(CLASS_DARK, vec3f(0.0, 0.0, 1.0), 1.0, 0.0, 0.0, 0.0, 0.0);
 }
@@ -79,21 +79,22 @@ fn holds_at(cell: CellClass, from_centre: vec3f, normal: vec3f) -> bool {
         && abs(dot(from_centre, cell.normal) - cell.offset) <= cell.thickness;
 }
 
-// A requested cell: it has points for which the classes of its own photons do not hold, because those lie on other
+// A requested cell. The classes by its own photons do not hold for its points, because these photons lie on other
 // surfaces or because it has none. It is classified once, for the surface of the points.
 struct RequestedCell {
     // Its index, as `cell_index` gives it.
     cell: u32,
-    // The slab and the cone of the points whose normals are near that of `requested_normals`: offsets from the cell's
-    // centre along that normal and cosines to it, in units of REQUEST_UNIT. Each is a maximum, `low` of complements,
-    // and 0 is nothing.
+    // The slab and the cone of the points whose normals are near the normal in `requested_normals`: offsets from the
+    // cell's centre along that normal, and cosines to it, in units of REQUEST_UNIT. Each value is a maximum; for `low`,
+    // the maximum of complements. 0 stands for no value.
     low: atomic<u32>,
     high: atomic<u32>,
     spread: atomic<u32>,
     class_words: vec2u,
 }
 
-// Normals as `requested_normals` has them, and back: the greatest word is the smallest code, and 0 is none.
+// Converts normals to the format of `requested_normals`, and back: the greatest word is the smallest code, and 0 stands
+// for no normal.
 fn request_complement(code: u32) -> u32 {
     return PHOTON_NORMAL_MASK + 1u - code;
 }

@@ -15,9 +15,9 @@ import package::lib::photon::photon_is_shadow;
 // Visit budget for the class of a cell's own photons: photons and rows of cells, as a multiple of k. On an even surface
 // five times k are enough; where many photons are of other surfaces (foliage), a class costs more than it saves.
 const VISITS_PER_NEAREST = 24u;
-// The maximum, and the budget of a requested cell, whose class many points share. Lavapipe's eight lanes share its
-// 65,535 iterations: in nested loops whose lengths differ, each lane waits for all others, and chance decides which
-// cells share a vector.
+// Maximum budget, and the budget of a requested cell, whose class many points share. Lavapipe's eight lanes share its
+// 65,535 iterations: in nested loops of different lengths, each lane waits for all others, and which cells share a
+// vector is random.
 const MAX_VISITS = 7168u;
 
 // Marks a decided cell with photons of the other kind in reach, though beyond the nearest k: a boundary is near. One
@@ -35,7 +35,7 @@ struct Cluster {
     cos_spread: f32,
 }
 
-// What the points of a cluster have in common, for bounds of their distances.
+// Common bounds of the points of a cluster, from which bounds of their distances follow.
 struct Extent {
     normal: vec3f,
     centre: vec3f,

@@ -1,5 +1,5 @@
-// Class words: what the photons say of a candidate (a point and a light), packed into 32 bits, and the decisions that
-// follow from it: whether shadow rays are traced, and whether it is audited. src/kernels/numbers.rs has the bits.
+// Class words: the class of a candidate (a point and a light) by the photons, packed into 32 bits, and the decisions
+// that follow from it: whether shadow rays are traced, and whether it is audited. src/kernels/numbers.rs has the bits.
 // Paper, "Extending the photon map": the three cases and equation 1.
 
 import package::lib::rng::{hash3, uniform_from_bits};
@@ -15,7 +15,7 @@ fn class_word(class_: u32, illumination: u32, shadow: u32, visibility: f32) -> u
         | (steps << CLASS_VISIBILITY_SHIFT);
 }
 
-// The word of a boundary whose counts, of `nearest` photons, are made from its visibility.
+// The word of a boundary with the given visibility; its counts, of `nearest` photons, are derived from this.
 fn boundary_word(visibility: f32, nearest: u32) -> u32 {
     let lit = clamp(u32(round(visibility * f32(nearest))), 1u, nearest - 1u);
     return class_word(CLASS_BOUNDARY, lit, nearest - lit, visibility);
@@ -52,14 +52,14 @@ fn traces_shadow_rays(word: u32) -> bool {
     @else { return class_of(word) == CLASS_BOUNDARY || class_of(word) == CLASS_UNKNOWN; }
 }
 
-// How a decided candidate's cell lies: away from all boundaries, or as a part of a divided cell, with few photons of
-// its own or with many.
+// Position of a decided candidate's cell: away from all boundaries, or a part of a divided cell, with few or with many
+// photons of its own.
 const AWAY = 0u;
 const NEAR = 1u;
 const SETTLED = 2u;
 
-// The word of a decided candidate whose cell lies like that. Its visibility would repeat its class; a visibility one or
-// two steps off marks it instead.
+// The word of a decided candidate with this `nearness` of its cell. Its visibility would only repeat its class, so a
+// visibility one or two steps off marks the nearness instead.
 fn word_at(word: u32, nearness: u32) -> u32 {
     let class_ = class_of(word);
     if class_ == CLASS_LIT { return word - (nearness << CLASS_VISIBILITY_SHIFT); }

@@ -44,7 +44,7 @@ fn environment_cell_width(shape: EnvironmentShape, column: u32) -> f32 {
     return f32(min(shape.step, shape.size.x - column * shape.step));
 }
 
-// By solid angle, within a cell.
+// Probability density by solid angle, within a cell.
 fn environment_density(shape: EnvironmentShape, row: u32, column: u32) -> f32 {
     let own = load_environment_texel(ENVIRONMENT_HEADER + row);
     var of_row = own.x;
@@ -110,7 +110,7 @@ fn environment_met(direction: vec3f) -> vec4f {
 struct EnvironmentSample {
     // Unit, towards the environment.
     direction: vec3f,
-    // By solid angle.
+    // Density by solid angle.
     pdf: f32,
     radiance: vec3f,
 }

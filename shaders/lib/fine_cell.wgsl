@@ -21,9 +21,10 @@ struct FineCellView {
     padding: u32,
 }
 
-// Which cell it is.
+// Identifies a fine cell.
 struct FineCellKey {
-    // Index along each axis, in widths of a cell; along the dominant axis of the normal in FINE_CELL_DEPTH of them.
+    // Index along each axis, in widths of a cell; along the dominant axis of the normal, in depths, which are
+    // FINE_CELL_DEPTH widths.
     index: vec3i,
     // Bits 0-10 the light, 11 the side of the dominant axis, 12-13 that axis, 14-19 the binary exponent of the width,
     // 20-22 how often it was divided.
@@ -36,16 +37,16 @@ struct FineCell {
     // Photons of both kinds.
     illumination: atomic<u32>,
     shadow: atomic<u32>,
-    // Entry of the cell that came into the table in this place.
+    // Index i holds here the entry of the i-th cell that was added to the table.
     listed: u32,
     padding: u32,
 }
 
 @group(1) @binding(26) var<uniform> fine_cell_view: FineCellView;
 @group(1) @binding(27) var<storage, read_write> fine_cells: array<FineCell>;
-// Of each entry a hash of the key, with a code in CLASS_MASK; 0 if it is empty. The code is what the photons told after
-// an earlier batch of samples: the class lit, shadowed, boundary (divided) or unknown, or MOSTLY_LIT. After the entries
-// comes the number of cells.
+// For each entry, a hash of the key, with a code in CLASS_MASK; 0 if the entry is empty. The code is the class by the
+// photons after an earlier batch of samples: lit, shadowed, boundary (divided) or unknown, or MOSTLY_LIT. The number of
+// cells follows the entries.
 @group(1) @binding(30) var<storage, read_write> fine_cell_tags: array<atomic<u32>>;
 // The tags after that batch, four to a record. Cells that samples added since then have no class yet.
 @if(texture_loads) @group(1) @binding(31) var fine_cell_tag_table: texture_storage_2d<rgba32uint, read>;
@@ -53,7 +54,7 @@ struct FineCell {
 
 // A divided cell with at least as many illumination photons as shadow photons.
 const MOSTLY_LIT = 7u;
-// A part of a divided cell with many photons, all of them of one kind: MANY_PHOTONS above the class.
+// A part of a divided cell with many photons, all of one kind: its code is the class plus MANY_PHOTONS.
 const MANY_PHOTONS = 4u;
 const UNDIVIDED = 0u;
 
@@ -120,14 +121,14 @@ struct FoundCell {
 
 const FINE_CELL_ABSENT = 0xffffffffu;
 
-// Where a cell is searched for.
+// Where the table is searched for a cell.
 struct CellHash {
     tag: u32,
-    // Of four entries, which one record of the table holds.
+    // Index of a bucket of four entries, which one record of the table holds.
     bucket: u32,
 }
 
-// Cells whose hashes agree are taken for one: of a million cells, 0.01 on average.
+// Cells with equal hashes are taken for one cell: among a million cells, 0.01 on average.
 fn hash_of(cell: FineCellKey) -> CellHash {
     let hash = hash_cell(vec4u(bitcast<vec3u>(cell.index), cell.kind));
     return CellHash(max(hash.x & ~CLASS_MASK, CLASS_MASK + 1u), hash.y & (fine_cell_view.mask >> 2u));
@@ -189,19 +190,19 @@ fn find_or_add_cell(cell: FineCellKey) -> u32 {
     return FINE_CELL_ABSENT;
 }
 
-// What the fine cells tell of a point.
+// The class of a point by the fine cells.
 struct FineClass {
     cell: FineCellKey,
-    // Of the cell, or FINE_CELL_ABSENT.
+    // Entry of the cell, or FINE_CELL_ABSENT.
     entry: u32,
     class_: u32,
-    // Of its cell, as lib/class_word has them.
+    // Nearness of its cell: AWAY, NEAR or SETTLED of lib/class_word.
     nearness: u32,
     // Rounded visibility of the smallest divided cell about the point.
     visibility: f32,
 }
 
-// The point's cell that is not divided, and its class; the smallest cell where all are divided.
+// The class of the point's undivided cell; of the smallest cell, if cells of all sizes are divided.
 fn fine_class(light: u32, position: vec3f, normal: vec3f) -> FineClass {
     var cell = coarsest_cell(light, position, normal);
     var found: FoundCell;
@@ -223,8 +224,8 @@ fn fine_class(light: u32, position: vec3f, normal: vec3f) -> FineClass {
     return FineClass(cell, found.entry, class_, nearness, f32(divided == MOSTLY_LIT));
 }
 
-// Leaves the photons of a point, by its shadow rays that reached the light and those that did not, in its cell that is
-// not divided. Rays of one point are not counted one by one: to a small light, all of them go the same way.
+// Stores photons of a point in its undivided cell: one if any of its shadow rays reached the light, and one if any did
+// not. Rays of one point are not counted one by one, because to a small light all of them have the same result.
 fn store_rays(light: u32, position: vec3f, normal: vec3f, visible: u32, blocked: u32) {
     if visible + blocked == 0u { return; }
     let found = fine_class(light, position, normal);

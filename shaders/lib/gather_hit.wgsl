@@ -1,4 +1,4 @@
-// Hits of gather rays from which pass `path` goes on, beside their points and surfaces (lib/point).
+// Hits of gather rays from which pass `path` continues, in addition to their points and surfaces (lib/point).
 
 struct GatherHit {
     // Transmittance along the ray.

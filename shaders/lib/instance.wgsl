@@ -25,14 +25,14 @@ fn stored_triangle(primitive: u32) -> u32 {
     return select(primitive, primitive - offset, primitive >= flat_count);
 }
 
-// What a ray meets of an instance.
+// An instance that a ray enters.
 @if(instances)
 struct Entered {
     // The ray in the mesh's space, with the same distances.
     ray: Ray,
     // Index of the root of the mesh's nodes.
     root: u32,
-    // What turns the index of a stored triangle into a primitive index.
+    // Number to add to the index of a stored triangle to get a primitive index.
     offset: u32,
 }
 

@@ -6,8 +6,8 @@ import package::lib::math::circle_point;
 import package::lib::ray::Ray;
 import package::lib::sampling::{sample_disc, sample_triangle};
 
-// Uniform in the iris, a regular polygon with a corner to the right. Both shapes are evaluated, because of what
-// lib/camera says of branches.
+// A uniformly distributed point of the iris, a regular polygon with a corner to the right. Both shapes are evaluated,
+// because lib/camera forbids branches on the camera.
 fn iris_point(u: vec2f) -> vec2f {
     let side = min(floor(u.x * camera.iris_blades), camera.iris_blades - 1.0);
     let weights = sample_triangle(vec2f(u.x * camera.iris_blades - side, u.y));

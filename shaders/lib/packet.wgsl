@@ -34,7 +34,7 @@ fn no_ray() -> Ray {
     return Ray(vec3f(0.0), 0.0, vec3f(0.0, 0.0, 1.0), -1.0);
 }
 
-// As trace_closest.
+// Like trace_closest.
 fn trace_closest_together(ray: Ray, sample: RaySample, lane: u32) -> Hit {
     @if(!packets) { return trace_closest(ray, sample); }
     @if(packets) {
@@ -47,7 +47,7 @@ fn trace_closest_together(ray: Ray, sample: RaySample, lane: u32) -> Hit {
     }
 }
 
-// As trace_occluded.
+// Like trace_occluded.
 fn trace_occluded_together(ray: Ray, sample: RaySample, lane: u32) -> bool {
     @if(!packets) { return trace_occluded(ray, sample); }
     @if(packets) {
@@ -85,7 +85,7 @@ fn largest_of_packet(value: u32, lane: u32) -> u32 {
     }
 }
 
-// What the box test needs of a ray.
+// Data of a ray for the box test.
 @if(packets)
 struct Slabs {
     inverse_direction: vec3f,
@@ -97,10 +97,11 @@ struct Slabs {
     t_min: f32,
 }
 
-// The margin covers what lib/bvh (open_node) says of the triangle test, 9 * 2^-24 of the farthest coordinate relative
-// to the ray's origin, and the roundings of a plane's distance here: those of plane / direction, of origin / direction,
-// of its sum with the margin and of the difference are 2^-24 each, of at most the sum of the plane's and the origin's
-// coordinates. So 2^-20 of the largest such sum covers both. Boxes are exact, and the rest is as in lib/bvh.
+// The margin covers the error of the triangle test that lib/bvh (open_node) derives, 9 * 2^-24 of the farthest
+// coordinate relative to the ray's origin, and the roundings of a plane's distance here: those of plane / direction, of
+// origin / direction, of its sum with the margin and of the difference are 2^-24 each, of at most the sum of the
+// plane's and the origin's coordinates. So 2^-20 of the largest such sum covers both. Boxes are exact, and the rest is
+// as in lib/bvh.
 @if(packets)
 fn slabs_of(ray: Ray) -> Slabs {
     let inverse = 1.0 / nonzero_direction(ray.direction);
@@ -145,8 +146,8 @@ fn min_keys(keys: vec4u, lane: u32) -> vec4u {
     return sorted(vec4u(of_first, subgroupBroadcast(lowest, 2u), subgroupBroadcast(lowest, 6u)));
 }
 
-// The entries to be visited, as lib/bvh has them: the one with index 8 i + l is in lane l of word i. A node adds three
-// at most: 15 in a shallow hierarchy, 87 in one of 29 levels. Places at the height and above it hold anything.
+// The entries to be visited, in the format of lib/bvh: entry 8 i + l is in lane l of word i. A node adds three at most:
+// 15 in a shallow BVH, 87 in one of 29 levels. Entries at the height and above it are undefined.
 @if(packets)
 struct PacketStack {
     height: u32,
@@ -156,7 +157,7 @@ struct PacketStack {
     @if(!shallow_bvh) high: vec4u,
 }
 
-// Pushes up to eight entries: each lane has the one for the place that it holds.
+// Pushes up to eight entries; each lane passes the one for the position that it holds.
 @if(packets)
 fn push_entries(stack: ptr<function, PacketStack>, entry: u32, count: u32, lane: u32) {
     let height = (*stack).height;
@@ -244,7 +245,7 @@ fn shared_iterations(lane: u32) -> u32 {
     return largest_of_packet(traversal_iterations, lane);
 }
 
-// The first hit of each lane's ray; with `any_hit` some hit, whose t says nothing.
+// The first hit of each lane's ray; with `any_hit` any hit, whose t is not valid.
 @if(packets)
 fn trace_packet(ray: Ray, sample: RaySample, lane: u32, any_hit: bool) -> Hit {
     let slabs = slabs_of(ray);

@@ -6,11 +6,11 @@
 //
 // With the feature `indirect`, other passes have done next-event estimation at the first vertex. Of direct light, the
 // path then adds only what its first ray hits, for the specular part of the BSDF; without `bsdf_rays` it adds none of
-// that, as all lights are small beside the lobes of all surfaces (lib/bsdf_rays). With `global_map`, a path ends at
-// precomputed irradiance (Christensen 1999), once its footprint is wide enough (FOOTPRINT_RADII).
+// that, because all lights are small compared with the lobes of all surfaces (lib/bsdf_rays). With `global_map`, a path
+// ends at precomputed irradiance (Christensen 1999), once its footprint is wide enough (FOOTPRINT_RADII).
 // With `caustics`, another pass adds the light that the diffuse part of the visible surface receives from lights by way
 // of focusing surfaces only. With `caustic_irradiance`, later vertices take that light from the irradiance points: a
-// path would meet it by chance, and seldom.
+// path would rarely hit it, by chance.
 
 import package::lib::bsdf::surface::Surface;
 @if(indirect && transmission) import package::lib::bsdf::surface::passes_light;
@@ -155,8 +155,8 @@ fn begin_path(first: PathVertex, start: PathStart, light_samples: u32) -> Path {
     return path;
 }
 
-// The radiance that a path gathers from its first vertex on. `light_samples`: light points per light in pass `shade`,
-// where that pass ran. All lanes of a subgroup trace at the same time (lib/packet), those whose path has ended no rays.
+// The radiance that a path gathers from its first vertex. `light_samples`: light points per light in pass `shade`, if
+// that pass ran. All lanes of a subgroup trace at the same time (lib/packet); those whose path has ended trace no rays.
 fn trace_path(
     first: PathVertex,
     start: PathStart,
@@ -331,20 +331,20 @@ fn extend_path(path: ptr<function, Path>, scattered: BsdfSample, ray: Ray, hit: 
     }
 }
 
-// What the irradiance points tell of the light that a surface reflects.
+// The part of a surface's reflected light that the irradiance points give.
 @if(global_map)
 struct KnownLight {
     radiance: vec3f,
     // The footprint is wide enough for the whole diffuse light.
     all: bool,
     @if(caustics) focusing: bool,
-    // Of a narrower footprint, the light from focusing surfaces.
+    // The footprint is narrower, and only the light from focusing surfaces is taken.
     @if(caustics) caustic: bool,
 }
 
 // Radius of a footprint for which a look-up is accurate enough, over that of the irradiance point's disc. Where
 // surfaces meet, a disc's blur shows: with 1 the lower side of a ball on a floor was 4.5 % too bright, with 2 it is
-// 2.8 %, with 4 less than 1 %. But paths in place of look-ups are noise elsewhere (docs/decisions.md).
+// 2.8 %, with 4 less than 1 %. But elsewhere, paths instead of look-ups add noise (docs/decisions.md).
 @if(global_map) const FOOTPRINT_RADII = 2.0;
 
 // Photons of the surface are stored at the position and normal; `spread` is the radius of the path's footprint there.
@@ -366,7 +366,7 @@ fn known_light(surface: Surface, position: vec3f, normal: vec3f, spread: f32) ->
     return light;
 }
 
-// Adds what the irradiance points tell of the vertex. Returns true if nothing remains to be traced.
+// Adds the light that the irradiance points give at the vertex. Returns true if nothing remains to be traced.
 @if(global_map)
 fn add_known_light(path: ptr<function, Path>) -> bool {
     let surface = (*path).vertex.surface;
@@ -380,8 +380,8 @@ fn add_known_light(path: ptr<function, Path>) -> bool {
     return known.all && !reflects_more(surface);
 }
 
-// How much a ray of the given density by solid angle widens the path's footprint over a distance. It is at most that of
-// a ray of a Lambertian surface, so that look-ups in corners, too, happen only at some distance.
+// By how much a ray with the given density by solid angle widens the path's footprint over a distance. The result is at
+// most that of a ray from a Lambertian surface, so that in corners too, look-ups happen only at some distance.
 @if(global_map)
 fn spread_along(pdf: f32, distance: f32) -> f32 {
     return distance * spread_of(pdf);

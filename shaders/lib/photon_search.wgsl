@@ -11,12 +11,12 @@ import package::lib::grid::{
 import package::lib::photon::{photon_has_weight, photon_is_shadow, photon_weight_sixteenths};
 
 // Visit budget of a query: photons and rows of cells, as a multiple of k between bounds. A point that needs more is
-// unknown. Where so many photons are not of its surface (foliage), the search costs more than the shadow rays that it
-// could save.
+// unknown. If this many photons do not belong to its surface (foliage), the search costs more than the shadow rays that
+// it could save.
 const VISITS_PER_NEAREST = 128u;
 const MIN_VISITS = 6400u;
-// On lavapipe the eight lanes of a vector share 65,535 iterations: while one visits a long row, all others wait. An
-// eighth of them, less 600 for the loops around the rows.
+// On lavapipe the eight lanes of a vector share 65,535 iterations: while one visits a long row, all others wait. This
+// is an eighth of them, less 600 for the loops around the rows.
 @if(texture_loads) const MAX_VISITS = 7591u;
 @if(!texture_loads) const MAX_VISITS = 48000u;
 
@@ -28,8 +28,8 @@ fn visit_budget() -> u32 {
     @if(!paper_counting) { return clamp(VISITS_PER_NEAREST * nearest, MIN_VISITS, MAX_VISITS); }
 }
 
-// The first reach of a search at most, in cells, and the factor by which it grows at most. The balls of the paper's
-// counting reach other surfaces, whose photons a reach that is too large visits again and again.
+// Maximum first reach of a search, in cells, and maximum factor by which it grows. The balls of the paper's counting
+// reach other surfaces; if the reach is too large, their photons are visited again and again.
 @if(paper_counting) const MAX_FIRST_REACH = 0.5 * MAX_REACH;
 @if(paper_counting) const MAX_GROWTH = 1.25;
 @if(!paper_counting) const MAX_FIRST_REACH = MAX_REACH;
@@ -39,9 +39,9 @@ fn visit_budget() -> u32 {
 const REACH_FACTOR = 1.0001;
 const REACH_MARGIN = 1e-3;
 
-// What a search finds within a distance.
+// Photons that a search finds within a distance.
 struct Found {
-    // Photons, and illumination photons of them. Once there are k, no further rows are visited.
+    // All photons, and the illumination photons among them. Once there are k, no further rows are visited.
     all: u32,
     lit: u32,
     // The visit budget was enough.
@@ -86,7 +86,7 @@ fn class_by_search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, 
         reach = grid.cell * max(reach_guess(grid, light, cell_of(grid, position), 1.3), 0.1);
     }
     reach = min(reach, MAX_FIRST_REACH * grid.cell);
-    // What the search before found, within its reach.
+    // The result of the previous search, and its reach.
     var closer = Found(0u, 0u, true);
     var closer_reach = 0.0;
     loop {
@@ -167,8 +167,8 @@ fn tally(grid: GridShape, light: u32, position: vec3f, normal: vec3f, reach: f32
     return result;
 }
 
-// The class word with the exact n_i and n_s of a point of whose photons `closer` are within the marks' floor, and k or
-// more within their last.
+// The class word of a point with exact n_i and n_s. `closer` has the photons within the marks' floor; k or more are
+// within their last mark.
 fn class_by_counts(grid: GridShape, light: u32, position: vec3f, normal: vec3f, first: Marks, closer: Found) -> u32 {
     let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
     let reach = sqrt(first.floor_ + first.span);

@@ -27,7 +27,7 @@ struct VisibleSurface {
     @if(smooth_normals && (photon_map || caustics)) triangle: vec4f,
 }
 
-// What passes need of the surface that a ray hit, but for the way to it: the chain has no link.
+// Data that passes need of the surface that a ray hit, without the way to it: the chain has no link.
 fn visible_surface_of(found: SurfaceHit) -> VisibleSurface {
     var surface: VisibleSurface;
     surface.packed = pack_surface(found.surface);

@@ -22,14 +22,14 @@ struct Hit {
     // Barycentric coordinates of the triangle's corners 1 and 2.
     u: f32,
     v: f32,
-    // Primitive index in the hierarchy, or NO_HIT. For hits of procedural objects see lib/procedural.
+    // Primitive index in the BVH, or NO_HIT. For hits of procedural objects see lib/procedural.
     triangle: u32,
 }
 
 const NO_HIT: u32 = 0xffffffffu;
 
 // The direction with each component of 0 replaced by 2^-80 of the same sign, so that no quotient is infinite or NaN.
-// No box of the hierarchy is missed by that: see MIN_EXPONENT in src/bvh/node.rs.
+// No box of the BVH is missed because of that: see MIN_EXPONENT in src/bvh/node.rs.
 fn nonzero_direction(d: vec3f) -> vec3f {
     let smallest = 8.2718061e-25;
     return select(d, select(vec3f(smallest), vec3f(-smallest), d < vec3f(0.0)), abs(d) < vec3f(smallest));

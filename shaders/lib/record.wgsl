@@ -87,8 +87,8 @@ fn load_record(id: u32) -> Record {
     return record;
 }
 
-// What a record adds at a point: irradiance times weight, and the weight, which falls to 0 at the record's radius
-// (Tabellion and Lamorlette 2004), so that no rim is visible.
+// The contribution of a record at a point: irradiance times weight, and the weight. It falls to 0 at the record's
+// radius (Tabellion and Lamorlette 2004), so that no rim is visible.
 fn weighted_irradiance(record: Record, position: vec3f, normal: vec3f) -> vec4f {
     let offset = position - record.centre.xyz;
     let off_plane = dot(offset, 0.5 * (normal + record.normal));
@@ -131,8 +131,9 @@ fn sum_of_block(block: u32, position: vec3f, normal: vec3f) -> vec4f {
     return sum;
 }
 
-// The sum of each lane's block, with the same bits: a lane adds its records in the same order, and those that are left
-// out would add 0. Most subgroups lie in one block; those of others are gone through one after the other.
+// The sum over each lane's block, with the same bits as without packets: a lane adds its records in the same order, and
+// those that are left out would add 0. Most subgroups lie in one block; if not, their blocks are processed one after
+// the other.
 @if(packets)
 fn sum_of_blocks(block: u32, position: vec3f, normal: vec3f, lane: u32) -> vec4f {
     var sum = vec4f(0.0);

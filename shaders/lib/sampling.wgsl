@@ -43,7 +43,7 @@ fn sobol1(index: u32, seed: u32) -> f32 {
     return uniform_from_bits(reverseBits(scramble_reversed(i, hash2(seed, 1u))));
 }
 
-// As `sobol2`, of four dimensions.
+// Like `sobol2`, in four dimensions.
 fn sobol4(index: u32, seed: u32) -> vec4f {
     var left = owen_scramble(index, hash1(seed));
     var x = vec4u(0u);

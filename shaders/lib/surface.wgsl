@@ -116,8 +116,8 @@ struct SmoothSurface {
     shading_normal: vec3f,
 }
 
-// The geometric normal is interpolated from the corners'. With the triangle's own, whole triangles along the terminator
-// would be black.
+// The geometric normal is interpolated from the corners' normals. With the triangle's own normal, whole triangles along
+// the terminator would be black.
 fn smooth_surface(met: Met, hit: Hit, triangle_normal: vec3f, front: bool) -> SmoothSurface {
     var surface = SmoothSurface(met.position, triangle_normal, triangle_normal);
     @if(smooth_normals) {

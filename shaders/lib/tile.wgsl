@@ -37,7 +37,7 @@ struct Tile {
 // visit the same nodes. Invocations beyond the last point have points of others.
 fn pixel_by_pixel(tile: Tile, invocation: u32) -> u32 {
     let layers = quotient(tile.point_count, tile.pixel_count);
-    // By rows, of which there are fewer than `quotient` is for.
+    // By rows: there are few enough of them for `quotient`.
     let row = quotient(invocation, layers * tile.columns);
     let in_row = invocation - row * layers * tile.columns;
     let column = quotient(in_row, layers);

@@ -1,14 +1,15 @@
-// Dispersion (KHR_materials_dispersion): light of three wavelengths, red, green and blue. It travels together up to the
-// first surface that refracts each its own way. There a path goes on with one of them, for all three: a third of the
-// paths each, with three times the light. From then on, that component alone is not 0, which tells the wavelength.
+// Dispersion (KHR_materials_dispersion): light of three wavelengths, red, green and blue. They travel together up to
+// the first surface that refracts each in its own direction. From there a path continues with one of them, in place of
+// all three: a third of the paths for each, with three times the light. Only that component of its light is then not 0,
+// which identifies the wavelength.
 
 @if(dispersion) import package::lib::rng::hash1;
 
 // The wavelength, 0 red to 2 blue, that this invocation takes where light has all.
 @if(dispersion) var<private> own_wavelength: u32;
-// What a path's light was multiplied with before the path's first vertex.
+// Factor of a path's light before its first vertex.
 @if(dispersion) var<private> carried_before: vec3f;
-// The light that the ray carries whose hit is looked at; 0 where nobody asks for a wavelength.
+// The light of the ray whose hit is being evaluated; 0 if no wavelength is needed.
 @if(dispersion) var<private> carried: vec3f;
 
 // Chooses the wavelength: consecutive numbers of one seed have all three in turn.
@@ -19,7 +20,7 @@ fn begin_wavelengths(seed: u32, number: u32, before: vec3f) {
     carried = before;
 }
 
-// Says what light the next ray carries.
+// Sets the light of the next ray.
 @if(dispersion)
 fn carry(light: vec3f) {
     carried = carried_before * light;
@@ -28,11 +29,11 @@ fn carry(light: vec3f) {
 @if(dispersion)
 struct Refracted {
     wavelength: u32,
-    // What its light counts; 0 for the others.
+    // Factor of its light; 0 for the other wavelengths.
     share: vec3f,
 }
 
-// The wavelength that a surface refracts. Surfaces seen by nobody's light refract green.
+// The wavelength that a surface refracts. If the ray carries no light, surfaces refract green.
 @if(dispersion)
 fn refracted_wavelength() -> Refracted {
     let there = vec3u(carried != vec3f(0.0));

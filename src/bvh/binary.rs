@@ -9,8 +9,8 @@ const BINS: usize = 32;
 /// Up to this number of triangles every split is tried instead, because bins would be wider than the gaps between
 /// centroids.
 const MAX_SWEEP: usize = 32;
-/// From this number of triangles on, the children of a node are built in parallel. A task costs about as much as
-/// sorting so many.
+/// Minimum number of triangles below a node for its children to be built in parallel: a task costs about as much as
+/// sorting this many.
 const MIN_PARALLEL: usize = 2048;
 
 /// A node of the binary tree. Nodes are stored in pre-order: a subtree of `count` triangles has `2 count - 1` nodes,
@@ -125,7 +125,7 @@ fn sort_along(items: &mut [Item], axis: usize) {
 }
 
 /// The split between bins of equal width with the minimum cost. Partitions `items` and returns the number of items on
-/// the left. None if all centroids are in one bin or no split fits.
+/// the left. Returns `None` if all centroids are in one bin or no split fits.
 fn split_by_bins(items: &mut [Item], fits: impl Fn(usize) -> bool) -> Option<usize> {
     let centroids = items.iter().fold(Aabb::EMPTY, |all, item| all.extended(item.centroid()));
     let extent = centroids.max - centroids.min;

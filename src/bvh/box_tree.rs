@@ -14,7 +14,7 @@ pub struct BoxTree {
 }
 
 impl BoxTree {
-    /// Over boxes, of which each is found by its index.
+    /// Builds a tree over boxes. Queries return the index of a box in `boxes`.
     pub fn new(boxes: impl IndexedParallelIterator<Item = Aabb>) -> BoxTree {
         let item = |(index, bounds)| Item { bounds, index: index as u32 };
         let mut items: Vec<_> = boxes.enumerate().map(item).collect();
@@ -22,7 +22,7 @@ impl BoxTree {
         BoxTree { nodes, order: items.iter().map(|item| item.index).collect() }
     }
 
-    /// The box around all of them.
+    /// The bounding box of all boxes.
     pub fn bounds(&self) -> Aabb {
         self.nodes.first().map_or(Aabb::EMPTY, |root| root.bounds)
     }

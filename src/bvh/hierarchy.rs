@@ -1,4 +1,4 @@
-//! Building the hierarchy in the form that kernels read.
+//! Builds the BVH in the form that kernels read.
 
 use std::ops::Range;
 
@@ -36,10 +36,10 @@ pub(crate) const INDEX_MASK: u32 = node::MAX_INDEX as u32 - 1;
 /// Bits of a word on a kernel's stack that hold the index of a node.
 pub(crate) const NODE_INDEX_MASK: u32 = node::MAX_NODES as u32 - 1;
 
-/// Maximum depth of a hierarchy whose traversal stack fits in four registers (the feature `shallow_bvh`).
+/// Maximum depth of a BVH whose traversal stack fits in four registers (the feature `shallow_bvh`).
 const MAX_SHALLOW_DEPTH: u32 = 5;
 
-/// A hierarchy over triangles, in the form that kernels read.
+/// A BVH over triangles, in the form that kernels read.
 ///
 /// Kernels identify a triangle by its *primitive index*, its position in the order of the leaves.
 #[derive(Clone, Debug)]
@@ -47,8 +47,8 @@ pub struct Bvh {
     /// Three texels per node, the root first, in the layout of `shaders/lib/bvh.wgsl`.
     pub nodes: Vec<[u32; 4]>,
     /// Three texels per triangle: its corners in scene units. The fourth component of the first texel is the triangle's
-    /// word ([`set_triangle_word`](Self::set_triangle_word)), those of the others are 0. An empty hierarchy has one
-    /// triangle of zeros that no leaf refers to, so that no buffer is empty.
+    /// word ([`set_triangle_word`](Self::set_triangle_word)), those of the others are 0. An empty BVH has one triangle
+    /// of zeros that no leaf refers to, so that no buffer is empty.
     pub triangles: Vec<[f32; 4]>,
     /// For each primitive index, the index of its triangle in the input of [`build`](Self::build).
     pub order: Vec<u32>,
@@ -67,7 +67,7 @@ impl Bvh {
         self.depth <= MAX_SHALLOW_DEPTH && self.instances.is_none()
     }
 
-    /// Builds the hierarchy over triangles given by their corners. Any number of triangles of any shape is allowed.
+    /// Builds the BVH over triangles given by their corners. Any number of triangles of any shape is allowed.
     ///
     /// The result does not depend on the number of threads.
     ///
@@ -79,8 +79,8 @@ impl Bvh {
         Bvh::over(positions.len(), |triangle| positions[triangle])
     }
 
-    /// As [`build`](Self::build), over `count` triangles whose corners `positions` gives: those of the largest scenes
-    /// would take a gigabyte once more.
+    /// Like [`build`](Self::build), over `count` triangles whose corners `positions` returns. A copy of the corners of
+    /// the largest scenes would take another gigabyte.
     pub(super) fn over(count: usize, positions: impl Fn(usize) -> [Vec3; 3] + Sync) -> Result<Bvh> {
         check(count, &positions)?;
         // A balanced tree has at most 28 levels of nodes, as many as the binary tree, and each level but the last needs
@@ -156,7 +156,7 @@ impl Tree {
         Tree::of_boxes(triangles.len(), |at| Aabb::of(positions(first + at)), MAX_LEAF, max_depth)
     }
 
-    /// As [`of_triangles`](Self::of_triangles), over `count` boxes, of which a leaf holds at most `max_leaf`.
+    /// Like [`of_triangles`](Self::of_triangles), over `count` boxes, at most `max_leaf` of them in a leaf.
     pub fn of_boxes(
         count: usize,
         bounds: impl Fn(usize) -> Aabb + Sync,
@@ -168,7 +168,7 @@ impl Tree {
         loop {
             let mut items: Vec<_> = (0..count).into_par_iter().map(item).collect();
             let binary = binary::build(&mut items, binary_depth);
-            // Without their boxes, which are in the tree.
+            // Only the indices are kept: the tree has the boxes.
             let sorted: Vec<u32> = items.par_iter().map(|item| item.index).collect();
             drop(items);
             let tree = flatten(&binary, &sorted, max_leaf);

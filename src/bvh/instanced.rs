@@ -18,7 +18,7 @@ use crate::{Error, Result};
 const TOP_DEPTH: u32 = 15;
 
 impl Bvh {
-    /// The hierarchy over the triangles and instances of a scene.
+    /// The BVH over the triangles and instances of a scene.
     ///
     /// # Errors
     /// As [`Bvh::build`].

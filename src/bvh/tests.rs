@@ -1,4 +1,4 @@
-//! Invariants of hierarchies, checked by decoding the nodes as the kernels do.
+//! Invariants of BVHs, checked by decoding the nodes as the kernels do.
 
 use glam::{DVec3, Vec3, vec3};
 
@@ -9,7 +9,7 @@ use super::node::{Node, WIDTH};
 
 type Triangle = [Vec3; 3];
 
-/// Decodes the hierarchy and returns the first violation of its invariants.
+/// Decodes the BVH and returns the first violation of its invariants.
 fn fault(bvh: &Bvh, triangles: &[Triangle]) -> Option<String> {
     let mut order = bvh.order.clone();
     order.sort_unstable();
@@ -211,7 +211,7 @@ fn depth_is_bounded() {
     }
 }
 
-/// The hierarchy does not depend on the number of threads.
+/// The BVH is the same for any number of threads.
 #[test]
 fn hierarchies_do_not_depend_on_threads() {
     let triangles = soup(30_000, 0.02);

@@ -31,7 +31,7 @@ pub(super) struct Collapse<'a> {
 /// The choices for a binary node: four bytes, because the largest scenes have 40 million of them.
 #[derive(Clone, Copy)]
 struct NodeChoice {
-    /// With at most 1, 2 and 3 children.
+    /// The best kinds with at most 1, 2 and 3 children.
     kinds: [Kind; WIDTH - 1],
     /// If the node becomes a wide node: the number of its four children that represent the left binary child.
     left_share: Share,
@@ -47,7 +47,7 @@ enum Kind {
     Fewer,
 }
 
-/// A number of children from 1 to 3. With an integer in its place a [`Kind`] would take two bytes.
+/// A number of children from 1 to 3. An enum, because with an integer a [`Kind`] would take two bytes.
 #[derive(Clone, Copy)]
 enum Share {
     One = 1,
@@ -83,8 +83,8 @@ impl<'a> Collapse<'a> {
     pub fn new(nodes: &'a [binary::Node], max_leaf: u32) -> Self {
         let leaf = NodeChoice { kinds: [Kind::Leaf; WIDTH - 1], left_share: Share::Two };
         let mut choices = vec![leaf; nodes.len()];
-        // Those of subtrees whose parent comes later. Children follow their parents, so the reverse order visits them
-        // first: the left child, which is next to its parent, last.
+        // The costs of subtrees whose parent has not been visited yet. Children follow their parents, so the reverse
+        // order visits them first; the left child, which is next to its parent, comes last.
         let mut costs: Vec<Costs> = Vec::new();
         for (node, choice) in nodes.iter().zip(&mut choices).rev() {
             let area = node.bounds.half_area();

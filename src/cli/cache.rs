@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use kernel_kit::Gpu;
 
-/// What Penumbra may keep for later commands; none if the user has no cache folder.
+/// The folder for files that later commands use again; `None` if the user has no cache folder.
 pub fn folder() -> Option<PathBuf> {
     dirs::cache_dir().map(|folder| folder.join("penumbra"))
 }

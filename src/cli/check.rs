@@ -149,7 +149,7 @@ impl Arguments {
                 });
             }
         });
-        // What is left of a folder for temporary files does no harm.
+        // A folder for temporary files that cannot be removed does no harm.
         let _ = fs::remove_dir_all(&folder);
         Ok(outcomes.into_inner().unwrap_or_default().into_iter().flatten().collect())
     }

@@ -5,7 +5,7 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long a process may be over before it is noticed: little beside the tenths of a second that each takes.
+/// Interval between checks whether a process has ended: short compared with the tenths of a second that each runs.
 const POLL: Duration = Duration::from_millis(5);
 
 /// A process that ended by itself: how, and what it wrote to stderr.
@@ -14,7 +14,7 @@ pub struct Ended {
     pub stderr: String,
 }
 
-/// Runs a process, and kills it if it takes longer than `limit`; none then.
+/// Runs a process. Kills it and returns `None` if it takes longer than `limit`.
 pub fn run_within(command: &mut Command, limit: Duration) -> io::Result<Option<Ended>> {
     let start = Instant::now();
     let mut child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn()?;
@@ -22,7 +22,7 @@ pub fn run_within(command: &mut Command, limit: Duration) -> io::Result<Option<E
     // A full pipe would stop the process.
     let reader = thread::spawn(move || {
         let mut said = Vec::new();
-        // What cannot be read says nothing.
+        // Output that cannot be read is dropped.
         let _ = pipe.as_mut().map(|pipe| pipe.read_to_end(&mut said));
         String::from_utf8_lossy(&said).into_owned()
     });

@@ -66,7 +66,7 @@ pub fn text(measures: &Measures) -> String {
 }
 
 impl Arguments {
-    /// Puts paths into the errors of the metrics, which know no files.
+    /// Adds the paths to errors of the metrics, which do not have them.
     fn name_files(&self, error: Error) -> Error {
         match error {
             Error::Input { file, location, problem } => {

@@ -17,7 +17,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let devices = Gpu::list();
     if devices.is_empty() {
-        // The error of `open` tells how to get a driver.
+        // The error of `open` explains how to get a driver.
         Gpu::open(&DeviceChoice::Best)?;
     }
     if arguments.json {

@@ -12,20 +12,20 @@ use super::cache;
 /// Renders of each device that are remembered, the latest ones: machines change, and are busy at times.
 const REMEMBERED: usize = 9;
 
-/// Renders before they count: a single one may have been on a busy machine.
+/// Minimum number of renders for their times to count: a single one may have run on a busy machine.
 const MIN_RENDERS: usize = 3;
 
 /// The times of first samples over those that were expected, in the user's cache folder.
 pub struct FirstSamples {
-    /// None if the user has no cache folder.
+    /// `None` if the user has no cache folder.
     file: Option<PathBuf>,
     device: String,
-    /// By device, the oldest first.
+    /// The ratios of each device, oldest first.
     ratios: BTreeMap<String, Vec<f64>>,
 }
 
 impl FirstSamples {
-    /// Those of a device. A file that cannot be read counts as none.
+    /// Reads the ratios of a device. A file that cannot be read counts as empty.
     pub fn of(gpu: &Gpu) -> FirstSamples {
         let file = cache::folder().map(|folder| folder.join("first_samples.json"));
         let text = file.as_ref().and_then(|file| fs::read(file).ok()).unwrap_or_default();
@@ -37,9 +37,9 @@ impl FirstSamples {
         }
     }
 
-    /// How many times as long as expected first samples take, in the lower quartile; 1 before there are a few. On a
-    /// busy machine they take up to twice as long. To expect that of the next renders too would cost more than to be
-    /// late while it lasts: `path` has up to ten times the error.
+    /// The lower quartile of the time of first samples over the expected time; 1 until a few are known. On a busy
+    /// machine they take up to twice as long. Expecting this of the next renders too would cost more than being late
+    /// for a while, because `path` has up to ten times the error.
     pub fn slowness(&self) -> f64 {
         let mut ratios = self.ratios.get(&self.device).cloned().unwrap_or_default();
         ratios.retain(|ratio| ratio.is_finite() && *ratio > 0.0);
@@ -47,13 +47,13 @@ impl FirstSamples {
         if ratios.len() < MIN_RENDERS { 1.0 } else { ratios[ratios.len() / 4] }
     }
 
-    /// Remembers another one, if there is a place for it.
+    /// Stores another ratio, if there is a cache folder.
     pub fn add(mut self, ratio: f64) {
         let ratios = self.ratios.entry(self.device).or_default();
         ratios.push(ratio);
         ratios.drain(..ratios.len().saturating_sub(REMEMBERED));
         if let Some(file) = &self.file {
-            // What two processes add at once, one of them adds. Without the file the default stays.
+            // If two processes write at once, one ratio is lost. Errors are dropped: without a file, `slowness` is 1.
             let _ = write_atomically(file, |file| Ok(serde_json::to_writer_pretty(file, &self.ratios)?));
         }
     }

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-/// What the library writes, and the flag. Longer names come before those that they contain.
+/// The library's name of a setting, and the flag. Longer names come before those that they contain.
 const FLAGS: [(&str, &str); 42] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`indirect.irradiance_cache.enabled`", "--no-cache"),

@@ -49,7 +49,7 @@ impl State {
 
 // If no handler can be set, a signal ends the process by its default action.
 
-/// SIGINT and SIGTERM. The crate ctrlc does not tell which of them came, and its handler of SIGHUP would end renders
+/// SIGINT and SIGTERM. The crate ctrlc does not report which of them came, and its handler of SIGHUP would end renders
 /// that nohup started.
 #[cfg(unix)]
 fn listen(state: Arc<State>) {
@@ -71,7 +71,7 @@ fn listen(state: Arc<State>) {
 fn listen(state: Arc<State>) {
     let _ = ctrlc::set_handler(move || {
         if state.ends_the_process() {
-            // As after SIGINT elsewhere.
+            // The exit code that shells use for SIGINT.
             std::process::exit(130);
         }
     });

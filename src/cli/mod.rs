@@ -143,7 +143,7 @@ fn one_line(message: &str) -> String {
     let paragraphs = message.trim_start_matches("error: ").split("\n\n");
     let problems = paragraphs.take_while(|text| !text.starts_with("Usage:") && !text.starts_with("For more"));
     let joined = problems.map(|text| text.split_whitespace().collect::<Vec<_>>().join(" "));
-    // What the parser of integers says of 1.5.
+    // The integer parser's message for 1.5.
     joined.collect::<Vec<_>>().join("; ").replace("invalid digit found in string", "it must be a whole number")
 }
 

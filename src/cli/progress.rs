@@ -20,7 +20,7 @@ pub struct Goal {
 }
 
 impl Goal {
-    /// Time left at the speed since `started`; none where only the noise ends the render.
+    /// Time left at the speed since `started`; `None` if only the noise ends the render.
     fn time_left(&self, samples: u32, started: Instant, now: Instant) -> Option<Duration> {
         if self.deadline.is_none() && self.spp == Settings::UNLIMITED_SPP {
             return None;

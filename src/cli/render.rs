@@ -204,17 +204,17 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     end(session.stopped, no_denoiser)
 }
 
-/// Prepares a device that was opened, and tells whether the driver has compiled kernels for it. Samples with photons
-/// use kernels of those without, frames of a sequence those of the first, and denoisers those that were compiled beside
-/// the renderer's.
+/// Prepares an opened device. The returned flag is set if the driver compiles kernels for it. Kernels are kept and used
+/// again: those of samples without photons by samples with photons, those of the first frame by the other frames of a
+/// sequence, and those compiled with the renderer's by the denoisers.
 fn prepare(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
     gpu.keep_kernels();
     show_compilation(gpu, quiet)
 }
 
-/// The end of a render whose images are written.
+/// The result of a render whose images are written.
 fn end(stopped: bool, no_denoiser: Option<Error>) -> Result<Ending> {
-    // The raw image is written, and the user has asked for more.
+    // The raw image is written, but the user requested a denoised one.
     if let Some(problem) = no_denoiser {
         return Err(problem);
     }
@@ -242,23 +242,23 @@ struct Session<'a> {
     spp: u32,
     /// The user has been told that the render has begun.
     announced: bool,
-    /// None once it is there, or where nothing can be told from it.
+    /// `None` after the first sample, and where its time would not show how fast the machine is.
     first_sample: Option<FirstSample>,
-    /// What the first sample took over what was expected, to be remembered once the image is there.
+    /// The time of the first sample over the expected time; stored once the image is written.
     ratio: Option<(FirstSamples, f64)>,
     notes: Notes,
     /// The render was stopped by a signal or a fault.
     stopped: bool,
     files: Files,
-    /// That of a frame of a sequence, of which only complete images are written.
+    /// The fingerprint of a frame of a sequence. Frames are written only when they are complete.
     fingerprint: Option<String>,
 }
 
-/// A first sample that tells how fast the machine is.
+/// A first sample, whose time shows how fast the machine is.
 struct FirstSample {
     /// Seconds.
     expected: f64,
-    /// Those before.
+    /// The ratios of earlier renders.
     others: FirstSamples,
     begun: Instant,
     /// The driver has compiled kernels meanwhile.
@@ -266,8 +266,8 @@ struct FirstSample {
 }
 
 impl FirstSample {
-    /// Those before, and the time of this one over what was expected, now that it is there; none if the driver has
-    /// compiled kernels.
+    /// The ratios of earlier renders, and this one's: the time of the first sample over the expected time. `None` if
+    /// the driver has compiled kernels meanwhile.
     fn ratio(self) -> Option<(FirstSamples, f64)> {
         let ratio = self.begun.elapsed().as_secs_f64() / self.expected;
         (!self.is_compiled.load(Ordering::Relaxed)).then_some((self.others, ratio))
@@ -281,7 +281,7 @@ struct Files {
 }
 
 impl Files {
-    /// Whether all of them are there, and the images complete and with that fingerprint.
+    /// Whether all files exist, and the images are complete and have this fingerprint.
     fn are_complete(&self, fingerprint: &str) -> bool {
         let is_same = |path: &PathBuf| film::fingerprint(path).is_some_and(|found| found == fingerprint);
         self.outputs.iter().all(is_same) && self.stats.iter().all(|path| path.exists())
@@ -289,7 +289,7 @@ impl Files {
 }
 
 impl Session<'_> {
-    /// Renders the frames of a sequence that are missing, of which `first` is the first.
+    /// Renders the missing frames of a sequence; `first` is the first of them.
     fn render_sequence(&mut self, gpu: &mut Gpu, first: Subject, around: Option<&Surroundings>) -> Result<()> {
         let arguments = self.arguments;
         let (view, settings) = (first.camera.clone(), first.settings.clone());
@@ -376,11 +376,11 @@ impl Session<'_> {
             },
             from,
             |renderer| {
-                // With little time they may never be needed, and would take that of samples.
+                // If time is limited, these kernels may never be needed, and compiling them takes time from samples.
                 let later = if self.sampling.is_none() { renderer.later_kernels() } else { None };
                 let gpu = renderer.gpu();
                 thread::scope(|scope| {
-                    // What fails there fails again where the kernels are needed.
+                    // An error here is dropped: the same kernels fail again where they are needed.
                     later.map(|compile| scope.spawn(move || compile(gpu)));
                     self.render(renderer)
                 })
@@ -422,7 +422,7 @@ impl Session<'_> {
             let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()).as_secs_f64());
             let progress = match left {
                 None => Some(renderer.render_batch()?),
-                // A render that goes on later is to have the bits of one without an interruption.
+                // A render that is resumed must have the same bits as one without an interruption.
                 Some(left) if arguments.checkpoint.is_some() => renderer.render_batch_within(left)?,
                 Some(left) => renderer.render_within(left)?,
             };
@@ -528,7 +528,7 @@ impl Session<'_> {
     }
 }
 
-/// What a denoiser gives, apart from errors that lose the samples: where its library fails, the raw image is safe.
+/// The result of a denoiser, apart from errors that lose the samples. If only its library fails, the raw image is safe.
 fn unless_lost<T>(outcome: Result<T>) -> Result<Result<T>> {
     match outcome {
         Err(problem @ Error::Input { .. }) => Ok(Err(problem)),
@@ -606,7 +606,7 @@ impl Arguments {
         self.check_names(&[])
     }
 
-    /// Checks that no output overwrites another one, or an input, of which `referred` are those that the scene's file
+    /// Checks that no output overwrites another output or an input. `referred` are the files that the scene's file
     /// refers to.
     fn check_names(&self, referred: &[PathBuf]) -> Result<()> {
         let Files { outputs, stats } = self.files(self.sequence.first());
@@ -615,7 +615,7 @@ impl Arguments {
         check_names(inputs, outputs.iter().chain(&stats).chain(&self.checkpoint))
     }
 
-    /// The scene, or that of the first frame, and its camera, within the panorama.
+    /// The scene within the panorama, and its camera. For a sequence, those of the first frame.
     fn load(&self, surroundings: Option<&Surroundings>) -> Result<(Scene, Camera)> {
         let time = self.sequence.first().and_then(|frame| frame.seconds);
         let (scene, camera) = self.scene.load_first(time, surroundings, self.settings.aspect())?;
@@ -654,7 +654,7 @@ impl Arguments {
         })
     }
 
-    /// The denoiser; if it cannot be used, none, and why.
+    /// The denoiser. If it cannot be used: an empty one, and the error.
     fn denoiser(&self) -> (Denoiser, Option<Error>) {
         if self.part.is_piece() {
             return (Denoiser::default(), None);
@@ -694,7 +694,7 @@ impl Arguments {
         })
     }
 
-    /// What the user should know of a .png that is white or black for the most part.
+    /// A note if most of a .png is white or black.
     fn note_on_exposure(&self, image: &Image) -> Option<String> {
         let png = self.output.iter().find(|path| !is_exr(path))?;
         let suggested = image.suggested_exposure(self.exposure)?;
@@ -708,7 +708,7 @@ impl Arguments {
         Files { outputs: self.output.iter().map(name).collect(), stats: self.stats.as_ref().map(name) }
     }
 
-    /// Identifies a frame by all that decides what its files show.
+    /// Identifies a frame by everything that decides the content of its files.
     fn fingerprint(&self, Subject { scene, camera, settings }: &Subject, denoisers: &[&str]) -> String {
         scene.fingerprint(&(camera, settings, self.time, denoisers, self.view, self.exposure))
     }

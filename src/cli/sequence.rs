@@ -11,7 +11,7 @@ use super::options::positive;
 /// Stands for the number of the frame in the names of files.
 const PLACEHOLDER: &str = "{frame}";
 
-/// Minimum number of digits of a frame in a file's name, as of other programs: names sort as frames do.
+/// Minimum number of digits of a frame number in file names, as in other programs: names then sort like frames.
 const DIGITS: usize = 4;
 
 /// Options of a sequence.
@@ -75,16 +75,16 @@ impl FromStr for Frames {
 #[derive(Clone, Copy)]
 pub struct Frame {
     pub number: u32,
-    /// Seconds from the beginning of the animation; none for a view of a turntable.
+    /// Seconds from the beginning of the animation; `None` for a view of a turntable.
     pub seconds: Option<f64>,
-    /// What is added to the seed.
+    /// Offset that is added to the seed.
     pub seed: u32,
     /// Digits of its number in names of files.
     digits: usize,
 }
 
 impl SequenceOptions {
-    /// The frames; none for a single image.
+    /// The frames; `None` for a single image.
     pub fn frames(&self) -> Option<impl Iterator<Item = Frame> + use<>> {
         let views = self.turntable.map(|views| Frames { first: 0, last: views - 1 });
         let Frames { first, last } = self.frames.or(views)?;
@@ -107,7 +107,7 @@ impl SequenceOptions {
         self.turntable
     }
 
-    /// Checks that the files of different frames have different names, and those of a single image no placeholder.
+    /// Checks that each frame's files have their own names, and that those of a single image contain no placeholder.
     pub fn check_names<'p>(&self, mut paths: impl Iterator<Item = &'p PathBuf>) -> Result<()> {
         let is_sequence = self.frames.is_some() || self.turntable.is_some();
         let Some(path) = paths.find(|path| path.to_string_lossy().contains(PLACEHOLDER) != is_sequence) else {

@@ -1,4 +1,4 @@
-//! `penumbra completions` and `penumbra manual`: what shells and `man` know of the command line.
+//! `penumbra completions` and `penumbra manual`: the command line for shells and `man`.
 
 use std::path::PathBuf;
 

@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     }
     let display = Display::open().map_err(|error| match error {
         Error::NoDisplay(problem) => {
-            // Before the last colon stands where in the window's library it was found.
+            // The text before the last colon is a location in the window library's source.
             let problem = problem.rsplit(": ").next().unwrap_or(&problem).trim_end_matches('.');
             Error::NoDisplay(format!("{problem}; `penumbra render` needs none"))
         }
@@ -121,7 +121,7 @@ const STATED: [&str; 23] = [
     "light_scale",
 ];
 
-/// Those that place the camera.
+/// Options that place the camera.
 const CAMERA: [&str; 6] = ["camera", "from", "look_from", "look_at", "look_up", "orthographic"];
 
 /// The options of the command, for a session.
@@ -131,9 +131,9 @@ struct Options {
     denoise: Denoise,
     /// The options of the command line that the window does not change, as they were given.
     kept: Vec<String>,
-    /// Those of the camera, as they were given.
+    /// The camera options, as given.
     camera: Vec<String>,
-    /// Those of the animation.
+    /// The animation options.
     animation: Vec<String>,
     /// The f-number that was given.
     aperture: Option<f64>,

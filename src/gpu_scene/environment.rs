@@ -123,7 +123,7 @@ impl EnvironmentTexels {
                 true => 2.0 * (end / 2.0).sin().powi(2),
                 false => 2.0 * (end / 2.0).cos().powi(2),
             });
-            // One over the solid angle of one column of patches. Its sign tells from which pole heights are measured.
+            // One over the solid angle of one column of patches. Its sign shows from which pole heights are measured.
             let density = f64::from(*width) / (TAU * (last - first).abs());
             let density = if above { density } else { -density };
             table.push([cumulative, first as f32, (last - first) as f32, density as f32]);

@@ -20,7 +20,7 @@ use crate::kernels::occluder;
 use crate::procedural::box_corners;
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Scene};
 
-/// Maximum number of surfaces in a list: its texels are counted in five bits. One entry more tells where the list ends.
+/// Maximum number of surfaces in a list: its texels are counted in five bits. One more entry marks where the list ends.
 const MAX_LISTED: usize = 31;
 
 /// Maximum number of cells of all lights together: 128 MiB of lists if all of them are full.
@@ -47,7 +47,7 @@ shared_struct! {
         pub radius: f32,
         /// First axis across a directional light.
         pub right: [f32; 3],
-        /// Cells along a side; 0 of the environment, which has none.
+        /// Cells along a side; 0 for the environment, which has no cells.
         pub side: u32,
         /// Second axis across a directional light.
         pub up: [f32; 3],
@@ -66,11 +66,11 @@ shared_struct! {
 pub struct LightBuffers {
     /// One of each light.
     pub lights: Vec<BufferedLight>,
-    /// Of each cell the first texel of its list, above [`occluder::COUNT_BITS`] bits for the number of its texels.
+    /// For each cell, the first texel of its list, above [`occluder::COUNT_BITS`] bits for the number of its texels.
     pub cells: Vec<u32>,
     /// Two entries a texel, by depth: a triangle with flags (see [`occluder`]), and the bits of its depth.
     pub lists: Vec<[u32; 4]>,
-    /// Of each triangle the unit normal, and the plane's distance from the origin along it.
+    /// For each triangle, the unit normal, and the plane's distance from the origin along it.
     pub planes: Vec<[f32; 4]>,
 }
 
@@ -139,7 +139,8 @@ impl Plane {
     }
 }
 
-/// Whether all of something is in front of a plane, and whether all of it is behind: both where it lies in the plane.
+/// Whether the whole of something is in front of a plane, and whether the whole is behind it. Both hold for what lies
+/// in the plane.
 #[derive(Clone, Copy)]
 struct Sides {
     front: bool,
@@ -152,7 +153,7 @@ impl Sides {
     }
 }
 
-/// What the cells of a light follow from.
+/// What determines the cells of a light.
 struct Shape<'s> {
     index: u32,
     /// The middle of the light, or the unit vector towards it.
@@ -169,7 +170,7 @@ struct Shape<'s> {
 }
 
 impl<'s> Shape<'s> {
-    /// None of the environment.
+    /// Returns `None` for the environment, which has no cells.
     fn new(scene: &'s Scene, index: usize, info: &LightInfo) -> Option<Shape<'s>> {
         let Light { kind, .. } = &scene.lights[index];
         let none: &[EmitterTriangle] = &[];
@@ -209,7 +210,7 @@ impl<'s> Shape<'s> {
         }
     }
 
-    /// The entry of a triangle in lists; None where it hides no part of the light from anything in the scene.
+    /// The entry of a triangle in lists; `None` if it hides no part of the light from anything in the scene.
     fn entry(&self, scene: &Scene, triangle: usize, plane: &Plane) -> Option<u32> {
         let own = scene.triangles[triangle].light == self.index;
         if plane.normal == DVec3::ZERO || (own && self.convex) {
@@ -363,7 +364,7 @@ impl Face {
         lists.ends[node] = lists.ends[2 * node].max(lists.ends[2 * node + 1]);
     }
 
-    /// Minimum depth of what is within reach of a surface and in some of the cells; None where there is nothing.
+    /// Minimum depth of what is within reach of a surface and in some of the cells; `None` if nothing is.
     fn depth(&self, surface: &Occluder, cells: &[Range<u32>; 2]) -> Option<f64> {
         let edge = |axis: usize, at: u32| self.low[axis] + self.cell * f64::from(at);
         let edges = [0, 1].map(|axis| [edge(axis, cells[axis].start), edge(axis, cells[axis].end)]);
@@ -402,7 +403,7 @@ impl Face {
     }
 
     /// Minimum depth at which lines through the square between the corners are within reach of a plane, whose normal
-    /// points away from the light; None where they do not meet it.
+    /// points away from the light; `None` if they do not meet it.
     fn depth_of_plane(&self, plane: &Plane, corners: &[DVec2; 4]) -> Option<f64> {
         let height = plane.distance - self.reach;
         if self.directional {
@@ -427,8 +428,8 @@ struct Occluder {
     corners: Vec<DVec3>,
     /// Smallest and largest depth.
     depths: [f64; 2],
-    /// Of a triangle its plane, and the planes through the light and each edge; their normals point away from the light
-    /// and inwards.
+    /// For a triangle, its plane, whose normal points away from the light, and the planes through the light and each
+    /// edge, whose normals point inwards.
     flat: Option<(Plane, Vec<Plane>)>,
 }
 
@@ -479,7 +480,8 @@ impl Lists {
 #[derive(Clone)]
 struct List {
     listed: Vec<(u32, f32)>,
-    /// Minimum depth of those of which nothing else is known: they had no room, or are no triangles.
+    /// Minimum depth of the surfaces that are not listed: there was no room for them, or they are no triangles. Only
+    /// their depth is known.
     end: f32,
 }
 
@@ -511,7 +513,7 @@ impl List {
         self.listed.truncate(kept.min(MAX_LISTED));
     }
 
-    /// By depth; the last one tells where the list ends.
+    /// The entries by depth. The last one marks where the list ends, if there are surfaces that are not listed.
     fn entries(mut self) -> Vec<(u32, f32)> {
         self.shorten();
         if self.end < f32::INFINITY {

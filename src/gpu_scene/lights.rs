@@ -33,7 +33,7 @@ pub struct GpuLights {
     pub lights: Vec<LightInfo>,
     /// The panorama, where there is one.
     pub environment: Option<GpuEnvironment>,
-    /// Bytes of the lights on the device, with those of the panorama.
+    /// Bytes of the lights on the device, the panorama included.
     pub bytes: u64,
     lights_table: Table,
     emitters: Table,
@@ -101,7 +101,7 @@ bindings! {
 }
 
 impl GpuLights {
-    /// What kernels read of the lights.
+    /// The lights' bindings.
     fn bindings(&self) -> LightBindings<'_> {
         LightBindings {
             light_texels: &self.lights_table,
@@ -119,7 +119,7 @@ impl Bindings for GpuLights {
     }
 }
 
-/// What the packing of a light takes from the scene.
+/// The parts of the scene that packing a light needs.
 struct LitScene<'a> {
     scene: &'a Scene,
     /// The environment's.
@@ -129,8 +129,8 @@ struct LitScene<'a> {
 }
 
 impl LitScene<'_> {
-    /// A sphere around the scene, for the lights that are infinitely far away. All of them share it: of ten thousand
-    /// vertices it takes as long as packing a hundred lights.
+    /// A sphere around the scene, for the lights that are infinitely far away. All of them share it: for ten thousand
+    /// vertices, computing it takes as long as packing a hundred lights.
     fn sphere(&self) -> (Vec3, f32) {
         *self.sphere.get_or_init(|| bounding_sphere_of_scene(self.scene.placed_vertices()))
     }

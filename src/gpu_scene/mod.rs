@@ -83,7 +83,7 @@ impl GpuScene {
             let sides = if material.double_sided { TRIANGLE_DOUBLE_SIDED } else { 0 };
             bvh.set_triangle_word(index as u32, alpha | sides);
         }
-        // What the device has is dropped at once, since the largest scenes fill the host's memory.
+        // Host copies are dropped once they are uploaded, because the largest scenes fill the host's memory.
         let mut hierarchy = 0;
         let packet_nodes = match features.has(Feature::Packets) {
             true => {
@@ -145,13 +145,13 @@ impl GpuScene {
 }
 
 bindings! {
-    /// What kernels read of a scene, except the lights, and the count of lost rays that they write.
+    /// The bindings of a scene without the lights, and the count of lost rays that kernels write.
     pub struct SceneBindings {
-        /// The hierarchy; see `shaders/lib/bvh.wgsl`.
+        /// The BVH; see `shaders/lib/bvh.wgsl`.
         pub bvh_nodes: &Table,
         /// The same for packets; see `shaders/lib/packet.wgsl`.
         pub packet_nodes: Option<&Table>,
-        /// Triangles in the order of the hierarchy.
+        /// Triangles in the order of the BVH.
         pub bvh_triangles: &Table,
         /// Normals, texture coordinates and materials of the triangles.
         pub surface_texels: &Table,
@@ -175,7 +175,7 @@ bindings! {
 }
 
 impl GpuScene {
-    /// What kernels read of the scene except the lights.
+    /// The scene's bindings without the lights.
     fn bindings(&self) -> SceneBindings<'_> {
         SceneBindings {
             bvh_nodes: &self.nodes,

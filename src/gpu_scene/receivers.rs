@@ -1,6 +1,6 @@
-//! Emission towards receiver bounds. Of the photons of a lamp over a single object, nineteen of twenty would miss it.
-//! So lights emit only towards one sphere around everything that receives light. (Jensen 1996 uses projection maps,
-//! which need a search.)
+//! Emission towards receiver bounds. Nineteen of twenty photons of a lamp over a single object would miss it, so lights
+//! emit only towards one sphere around everything that receives light. (Jensen 1996 uses projection maps, which need a
+//! search.)
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -21,7 +21,7 @@ pub struct ReceiverBounds {
 const SPARE: f32 = 1e-4;
 
 impl ReceiverBounds {
-    /// The bounds of all surfaces of a scene except lamps that reflect nothing. None if there are no others.
+    /// The bounds of all surfaces of a scene except lamps that reflect nothing. Returns `None` if there are no others.
     pub fn of(scene: &Scene) -> Option<ReceiverBounds> {
         // Instances do not emit.
         let corners = scene.placed_corners(|triangle| !scene.materials[triangle.material as usize].is_black_lamp());
@@ -30,8 +30,8 @@ impl ReceiverBounds {
         (radius > 0.0).then_some(ReceiverBounds { centre, radius: radius * (1.0 + SPARE) + SPARE })
     }
 
-    /// The distance from a position, along a unit `direction`, to the middle of the way within the bounds; None if the
-    /// ray misses them.
+    /// The distance from a position, along a unit `direction`, to the middle of the ray's segment within the bounds;
+    /// `None` if the ray misses them.
     pub(super) fn middle_distance(&self, position: Vec3, direction: DVec3) -> Option<f64> {
         let offset = (self.centre - position).as_dvec3();
         let nearest = offset.dot(direction);
@@ -41,11 +41,11 @@ impl ReceiverBounds {
         (half > 0.0 && exit > 0.0).then_some((entry + exit) / 2.0)
     }
 
-    /// The cone of directions from a position to the bounds; None within them.
+    /// The cone of directions from a position to the bounds; `None` within them.
     pub(super) fn cone_from(&self, position: Vec3) -> Option<ReceiverCone> {
         let offset = (self.centre - position).as_dvec3();
         let squared_sine = f64::from(self.radius).powi(2) / offset.length_squared();
-        // As `receiver_cone` in shaders/lib/light/receivers.wgsl.
+        // The same formula as in `receiver_cone` in shaders/lib/light/receivers.wgsl.
         let height = squared_sine / (1.0 + (1.0 - squared_sine).sqrt());
         (squared_sine < 1.0).then(|| ReceiverCone { axis: offset.normalize(), squared_sine, height })
     }

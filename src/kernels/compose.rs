@@ -20,7 +20,7 @@ static COMPOSER: LazyLock<Composer> = LazyLock::new(|| {
     composer.with_module("lib/constants", constants::module())
 });
 
-/// What a module says: the features that it names, in code or in comments, and the modules that it imports.
+/// The names in a module: the features that it mentions, in code or in comments, and the modules that it imports.
 struct Names {
     features: BTreeSet<Feature>,
     imports: Vec<String>,
@@ -71,7 +71,7 @@ fn depends_on(kernel: &str, feature: Feature) -> bool {
     NAMED.get(kernel).is_none_or(|named| named.contains(&feature))
 }
 
-/// Those of the features on which a kernel may depend: with these alone it is the same.
+/// The features on which a kernel may depend: composed with these alone, it is the same.
 pub fn features_of(kernel: &str, features: &Features) -> Features {
     let mut own = features.clone();
     features.iter().filter(|feature| !depends_on(kernel, *feature)).for_each(|feature| own.set(feature, false));

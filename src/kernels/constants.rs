@@ -8,7 +8,7 @@ use crate::settings::Settings;
 use crate::statistics::Counter;
 use crate::{bvh, procedural, scene};
 
-/// The numbers but those of materials, which [`scene::material_constants`] gives.
+/// All constants except those of materials, which come from [`scene::material_constants`].
 const CONSTANTS: &[(&str, u32)] = &[
     ("REACH_CELLS", numbers::REACH_CELLS),
     ("INVALID_POINT", numbers::INVALID_POINT),
@@ -63,8 +63,8 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("TEXTURE_SRGB", scene_texels::TEXTURE_SRGB),
     ("TEXTURE_UV1", scene_texels::TEXTURE_UV1),
     ("LAYER_TEXELS_LOG2", 2 * kernel_kit::TABLE_WIDTH.trailing_zeros()),
-    // What a hashed seed is for, so that no two choices share their random numbers. Consecutive numbers are added to
-    // some of these: they are far apart.
+    // The purpose of a hashed seed. Different purposes must not share random numbers. The values are far apart, because
+    // consecutive numbers are added to some of them.
     ("DIMENSION_CAMERA", 0x1000_0000),
     ("DIMENSION_LENS", 0x1800_0000),
     ("DIMENSION_ALPHA", 0x2000_0000),

@@ -81,7 +81,7 @@ impl Each<'_> {
     }
 }
 
-/// The parts of a group; None where there is no such group.
+/// The parts of a group; `None` if there is no such group.
 fn parts(group: &str) -> Option<&'static [Part]> {
     use Part::{Base, Film, GlossyLayer, Spread, WideLayer};
     match group {

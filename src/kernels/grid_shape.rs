@@ -43,7 +43,7 @@ impl GridShape {
         photons: u32,
         lights: u32,
     ) -> GridShape {
-        // Of more cells than twice the photons, nearly all would be empty.
+        // With more cells than twice the number of photons, nearly all would be empty.
         let max_cells = (MAX_CELLS / f64::from(lights.max(1))).min(2.0 * f64::from(photons));
         Self::with_max_cells(per_cell, bounds, area, photons, max_cells)
     }

@@ -1,4 +1,4 @@
-//! How lights lie in the table of lights: the codes and offsets that the host writes and the kernels read.
+//! The layout of the table of lights: the codes and offsets that the host writes and the kernels read.
 
 /// Codes of the kinds of lights, and flags, in the first word of a light's texels.
 pub(crate) const MESH: u32 = 0;
@@ -41,17 +41,18 @@ pub(crate) const DISC_TEXEL: u32 = 4;
 /// Cumulative probability, probability, strength and axis, by which lights are sampled.
 pub(crate) const SAMPLING_TEXEL: u32 = 5;
 
-/// Radii of a light from whose middle it is far. Nearer, what its triangles show depends on the position and not on the
-/// direction alone.
+/// Distance from the middle of a light, in its radii, beyond which a position is far from it. Nearer, the visible part
+/// of its triangles depends on the position, and not on the direction alone.
 pub(crate) const NEAR_LIGHT: f64 = 2.0;
 
-/// Maximum number of triangles of a light that samples all of them by what they send, wherever it is. A square has two.
+/// Maximum number of triangles of a light for which every position samples all of them, by the light that each sends. A
+/// square has two.
 pub(crate) const FEW_EMITTERS: u32 = 4;
 
-/// Maximum number of triangles of a light that samples all of them where it is near: each costs some tenth of a shadow
-/// ray.
+/// Maximum number of triangles of a light for which near positions sample all of them. Each triangle costs about a
+/// tenth of a shadow ray.
 pub(crate) const FEW_NEAR_EMITTERS: u32 = 15;
 
-/// [`Emission::axis`] where there is none, in the table: no normal has this code, as -32768 is no signed 16-bit
+/// The code in the table for an [`Emission::axis`] of `None`. No normal has it, because -32768 is no signed 16-bit
 /// fraction.
 pub(crate) const NO_AXIS: u32 = 0x8000_8000;

@@ -1,4 +1,4 @@
-//! The kernels: how they are composed, and what they share with the host beside the layouts of structs.
+//! The kernels: how they are composed, and what they share with the host in addition to the layouts of structs.
 //!
 //! `package::lib::constants`, which the kernels import, is generated from these numbers: none is written in both
 //! languages.

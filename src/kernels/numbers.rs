@@ -2,7 +2,7 @@
 
 use crate::settings::Settings;
 
-/// What the photons say of a candidate: a point and a light.
+/// The class of a candidate (a point and a light) by the photons.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Class {
@@ -41,7 +41,7 @@ pub mod class_word {
 
 /// Bits of the word of a cell that decides a point. See `show_cells` of `shaders/classify.wgsl`.
 pub mod cell_word {
-    /// Bits 3-4: what kind of cell it is, a [`super::CellKind`]; the class is below.
+    /// Bits 3-4: the kind of the cell, a [`super::CellKind`]; the class is in the bits below.
     pub const KIND_SHIFT: u32 = 3;
     /// The largest kind.
     pub const KIND_MASK: u32 = 3;
@@ -70,13 +70,13 @@ pub enum CellKind {
 /// The cell that decides a point for a light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ShownCell {
-    /// What the cell tells; unknown without a cell, and dark without a point.
+    /// The class of the cell; unknown without a cell, and dark without a point.
     pub class: Class,
     /// What kind of cell it is.
     pub kind: CellKind,
     /// How often it was divided.
     pub level: u32,
-    /// A hash by which cells can be told apart.
+    /// A hash by which cells can be distinguished.
     pub hash: u32,
 }
 
@@ -208,7 +208,7 @@ pub const REACH_CELLS: u32 = 8;
 /// fit, with more variance. The lists of 64 points share a workgroup's memory: longer ones would not fit every device.
 pub const ZONE_LIGHTS: u32 = 64;
 
-/// Light of a candidate that has none: fewer lights were sampled than there is room for.
+/// Light index of a candidate without a light: fewer lights were sampled than there is room for.
 pub const NO_SAMPLED_LIGHT: u32 = u32::MAX;
 
 /// Normal of a point where nothing is to be lit: the ray left the scene, or hit an unlit surface. No normal has this
@@ -239,7 +239,7 @@ pub const UNSHADOWED_LIGHTS: u32 = 2048;
 
 /// Index of the count of photons stored, the first of the counts of pass `flux`.
 pub const FLUX_STORED: u32 = 0;
-/// Index of the count of rays whose traversal gave up.
+/// Index of the count of rays whose traversal exceeded the loop budget.
 pub const FLUX_OVERRUNS: u32 = 1;
 /// Index of the count of rays traced.
 pub const FLUX_TRACED: u32 = 2;

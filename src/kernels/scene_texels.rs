@@ -1,6 +1,6 @@
 //! Codes and sizes of the GPU scene that the host writes and the kernels read.
 
-/// Bit of a triangle's material word: it is flat, and its corners' normals say nothing.
+/// Bit of a triangle's material word: the triangle is flat, so the normals at its corners are not used.
 pub(crate) const SURFACE_FLAT: u32 = 1 << 31;
 
 /// Bit of a triangle's word in the BVH: its material is an alpha mask or blends.

@@ -22,13 +22,14 @@ const EARLIER_AUDITS: f64 = 1250.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Precautions {
     pub audits: AuditChances,
-    /// Boundaries are widened by a pixel, unless settings or lights say otherwise.
+    /// Boundaries are widened by a pixel, unless the settings or the lights decide this.
     pub dilate: bool,
 }
 
 impl Precautions {
-    /// From the mistakes that audits found so far; probabilities are never below the setting. They follow from counts,
-    /// so that a render is reproducible, and from earlier samples only, so that the next ones are unbiased.
+    /// Derives them from the mistakes that audits have found so far. Probabilities are never below the setting. They
+    /// follow from counts, so that a render is reproducible, and from earlier samples only, so that the next ones are
+    /// unbiased.
     pub fn after(totals: &Totals, settings: &Settings) -> Precautions {
         let minimum = AuditChances::of(settings.visibility_map.audit);
         // No later sample learns from audits here; in a piece none may, since pieces must not depend on each other.
@@ -38,7 +39,7 @@ impl Precautions {
         let [near, away] = totals.recent_audits().map(|recent| chance(recent.audited, recent.wrong));
         let audits = AuditChances { away: minimum.away.max(away), near: minimum.near.max(near) };
         // Where all decided points near boundaries would be audited, boundaries are too narrow. All audits count here:
-        // the mistakes that a wider boundary prevents are not found any more.
+        // mistakes that a wider boundary prevents are no longer found, so recent audits alone would narrow it again.
         let [near, _] = totals.decided_points();
         let certain = chance(near.audited as f64, near.wrong as f64) >= 1.0;
         Precautions { audits, dilate: near.wrong > 0 && certain }
@@ -46,7 +47,7 @@ impl Precautions {
 }
 
 /// The audit probability after `audited` audits, of which `wrong` contradicted the class. Half a mistake is added,
-/// because no scene is known to have none.
+/// because finding no mistake does not prove that there are none.
 fn chance(audited: f64, wrong: f64) -> f32 {
     let share = (wrong + 0.5) / (audited + EARLIER_AUDITS);
     (CHANCE_OF_SHARE * share.sqrt()) as f32
@@ -87,8 +88,8 @@ mod tests {
         Settings::default().with(|s| s.technique = Technique::SHADOW_PHOTONS)
     }
 
-    /// The rule at numbers where its root is round: certain at first, in inverse proportion to the root of the audits
-    /// without mistakes, and in proportion to the root of the mistakes.
+    /// The probability where the root in the rule is round: 1 at first; without mistakes it falls with the square root
+    /// of the number of audits, and it grows with the square root of the number of mistakes.
     #[test]
     fn mistakes_raise_the_chance() {
         let settings = settings();
@@ -101,8 +102,9 @@ mod tests {
         assert_eq!(of(NONE, wrong, &settings), [1.0, 0.75]);
     }
 
-    /// Boundaries are widened from the share of mistakes on, near boundaries, that makes audits there certain: one in
-    /// 2,500. Mistakes away from boundaries widen none, nor does a share that nobody has seen yet.
+    /// Boundaries are widened if the share of mistakes near boundaries is large enough to make audits there certain:
+    /// one in 2,500 or more. They are not widened by mistakes away from boundaries, by a share that no audit has
+    /// measured, or without fine cells.
     #[test]
     fn frequent_mistakes_widen_boundaries() {
         let widened = |near, away| after(near, away, &settings()).dilate;

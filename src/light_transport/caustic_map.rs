@@ -17,7 +17,7 @@ use crate::settings::Settings;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
-/// Rays of a caustic map for each ray of the global map: few of them hit a focusing surface first.
+/// Rays of a caustic map for each ray of the global map. More, because few of them hit a focusing surface first.
 const RAYS_PER_FLUX_RAY: u32 = 4;
 
 /// Photons in a cell if all lay evenly in a square around them. The radius of a disc is a cell at most, and smaller
@@ -32,7 +32,7 @@ const MAX_CELLS: u32 = 1 << 19;
 /// The map of 8 samples, bound to a tile.
 pub(crate) struct CausticMap {
     number: u32,
-    /// None if no photon was stored.
+    /// `None` if no photon was stored.
     show: Option<BoundShow>,
 }
 

@@ -2,7 +2,7 @@
 //! `visibility-cells` and `voxel-tags`.
 //!
 //! Rays start on the surfaces in a cell, not anywhere in its volume as in the original: half of the volume of a cell on
-//! a floor is below the floor, and tells nothing about its points.
+//! a floor is below the floor, and rays from there show nothing about its points.
 
 use glam::DVec3;
 use kernel_kit::Frame;

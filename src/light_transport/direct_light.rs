@@ -89,12 +89,12 @@ pub(crate) struct Guides<'a> {
 pub(crate) struct DirectLight {
     kernels: DirectLightKernels,
     buffers: Buffers,
-    /// None while the map is being sorted again.
+    /// `None` while the map is being sorted again.
     bound: Option<Bound>,
     sizes: Sizes,
-    /// Pixels by which boundaries are widened; `None`: as [`Precautions::dilate`] says.
+    /// Pixels by which boundaries are widened; `None`: [`Precautions::dilate`] decides.
     fixed_dilation: Option<u32>,
-    /// Those of the current batch; the default, without audits, if no kernel audits.
+    /// The precautions of the current batch; the default, without audits, if no kernel audits.
     precautions: Precautions,
     /// Photons that audits can add to the map.
     repair_capacity: u32,
@@ -315,7 +315,7 @@ impl DirectLight {
         self.bound().shadow.audit(frame, arguments, offset, &self.shadow_parameters(tile, chunk));
     }
 
-    /// The indirect arguments of the queues, among them those of pass `shadow` for this one.
+    /// Computes the indirect arguments of the queues, among them those of pass `shadow` for this one.
     fn arrange(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, queue: Queue) -> &Buffer {
         self.bound().classify.record_arguments(frame, tile, chunk, queue, self.kernels.shadow.workgroup_size());
         &self.buffers.classify.queue_arguments

@@ -30,7 +30,7 @@ pub(crate) struct FineCellMap {
 }
 
 impl FineCellMap {
-    /// An empty table for the camera's view of `height` pixels, of whose pixels surfaces cover `covered`.
+    /// An empty table for the camera's view of `height` pixel rows, `covered` of whose pixels show surfaces.
     pub fn new(
         shared: &Shared<'_>,
         kernel: &FineCells,

@@ -1,5 +1,5 @@
-//! The steps of a technique's first pass, which runs once, before the first sample; those of photons that are on trial
-//! run after it. A step does nothing if the specialisation left its kernels out.
+//! The steps of a technique's first pass, which runs once, before the first sample; the steps of photons on trial run
+//! after it. A step does nothing if the specialisation left its kernels out.
 
 use std::mem;
 
@@ -37,7 +37,7 @@ pub(crate) struct FirstPass<'a> {
     /// The same for kernels.
     pub camera: &'a CameraUniform,
     pub settings: &'a Settings,
-    /// Those of indirect light, whose photons and gather rays depend on the first sample.
+    /// The settings of indirect light, whose numbers of photons and gather rays depend on the first sample.
     pub indirect_settings: &'a Settings,
     /// Points of a tile.
     pub points: u32,

@@ -36,7 +36,7 @@ impl GlobalMapKernels {
     }
 }
 
-/// What a render reads of the global map.
+/// The global map as a render reads it.
 pub(crate) struct GlobalMap {
     /// Irradiance at some of its photons, for paths and gathers.
     irradiance: Option<IrradianceMap>,

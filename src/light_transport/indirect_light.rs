@@ -49,9 +49,9 @@ pub(crate) struct IndirectCost {
 }
 
 impl IndirectCost {
-    /// From a wave of `rays` gather rays per record that took `seconds` in all; `before` and `after` are the times of
-    /// passes around it. If the device has no timestamps, all of the time counts as that of rays, which predicts too
-    /// much.
+    /// Derived from a wave of `rays` gather rays per record that took `seconds` in all; `before` and `after` are the
+    /// times of passes around it. If the device has no timestamps, all of the time counts as that of rays, which
+    /// predicts too much.
     pub fn new(seconds: f64, rays: u32, before: &BTreeMap<String, f64>, after: &BTreeMap<String, f64>) -> IndirectCost {
         let is_of_rays = |name: &str| RAY_PASSES.iter().any(|pass| name.starts_with(pass));
         let sum = |times: &BTreeMap<String, f64>| -> f64 {
@@ -117,8 +117,8 @@ impl IndirectLight {
         Ok(IndirectLight { cost, map, cache, path, highlights })
     }
 
-    /// Makes a new global map with other photons, and adds gather rays that end in it to the irradiance records until
-    /// they have those of the settings. Returns the irradiance cache before, if there is one.
+    /// Makes a new global map with other photons. Then adds gather rays that end in it to the irradiance records, until
+    /// each has the number of the settings. Returns the previous irradiance cache, if there is one.
     pub fn add_rays(
         &mut self,
         setup: &IndirectSetup<'_>,
@@ -166,7 +166,7 @@ impl IndirectLight {
         self.map.take().and_then(GlobalMap::without_view)
     }
 
-    /// What it took to make it.
+    /// The cost of making it.
     pub fn cost(&self) -> IndirectCost {
         self.cost
     }
@@ -181,7 +181,7 @@ impl IndirectLight {
         self.cache.is_some() && self.map.is_some()
     }
 
-    /// What another view can use.
+    /// The parts that another view can use.
     pub fn into_made(self) -> MadeIndirect {
         let map = self.map.and_then(GlobalMap::without_view);
         MadeIndirect { map, records: self.cache.map(IrradianceCache::into_records) }
@@ -222,7 +222,7 @@ impl IndirectLight {
     }
 }
 
-/// What kernels read of the scene and, if there is one, of the global map.
+/// The bindings of the scene and, if there is one, of the global map.
 fn with_irradiance<'a>(gpu_scene: &'a GpuScene, map: Option<&'a GlobalMap>) -> Vec<&'a dyn Bindings> {
     let irradiance = map.and_then(GlobalMap::irradiance).map(|irradiance| irradiance as &dyn Bindings);
     std::iter::once(gpu_scene as &dyn Bindings).chain(irradiance).collect()

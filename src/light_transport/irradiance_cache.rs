@@ -75,7 +75,7 @@ pub(crate) struct Filling<'a> {
     pub settings: &'a Settings,
 }
 
-/// Maximum number of records that are kept from view to view: more take longer to look through than new ones to make.
+/// Maximum number of records that are kept from view to view: searching more takes longer than making new ones.
 const MAX_KEPT: usize = 1 << 14;
 
 /// The records so far.
@@ -87,7 +87,8 @@ pub(crate) struct Records {
     ray_buffers: RayBuffers,
     /// Gather rays of each record so far.
     rays: u32,
-    /// Maximum radius of each, as far as those around it tell; new records, at the end, have none.
+    /// Maximum radius of each record, as far as the records around it limit it. New records, at the end, have no limit
+    /// yet.
     limits: Vec<f32>,
 }
 
@@ -109,10 +110,10 @@ impl IrradianceCache {
         Ok(IrradianceCache { buffers, bound, records })
     }
 
-    /// Adds gather rays in waves, each of which doubles them, until each record has the number of the settings. Then
-    /// shrinks records whose gradients do not hold, drops those that others now cover, and places new ones where
-    /// coverage is too low, since more rays give better distances of surfaces. Returns the [`BoundCache`] of the
-    /// records before.
+    /// Adds gather rays in waves, each of which doubles them, until each record has the number of the settings. More
+    /// rays give better distances of surfaces. So it then shrinks records whose gradients do not hold, drops those that
+    /// others now cover, and places new ones where coverage is too low. Returns the [`BoundCache`] of the previous
+    /// records.
     pub fn add_rays(&mut self, with: &Filling<'_>, totals: &mut Totals) -> Result<BoundCache> {
         let records = &mut self.records;
         let wanted = with.settings.gather_rays();
@@ -294,7 +295,8 @@ impl Records {
         Ok(())
     }
 
-    /// Leaves out records that earlier ones cover: of few rays, gradients looked steep, and records were small.
+    /// Leaves out records that earlier ones now cover: when they had few rays, gradients looked steep, so records were
+    /// small.
     fn leave_out_covered(&mut self, with: &Filling<'_>) -> Result<()> {
         let kept = uncovered(&self.with_radii(with), with.camera, &with.settings.image);
         if kept.len() < self.heads.len() {
@@ -337,7 +339,7 @@ impl Records {
         Ok(filtered)
     }
 
-    /// What a function finds of the records, their radii and their noise.
+    /// Calls `find` with the records, their radii and their noise.
     fn with_noise<T>(
         &self,
         with: &Filling<'_>,
@@ -349,7 +351,7 @@ impl Records {
         Ok(find(&NoisyRecords { heads: &self.heads, radii: &radii, variances: &variances, values: &values }))
     }
 
-    /// The heads with radii in place of the sizes of pixels, which respect the distances of their neighbours.
+    /// The heads with radii in place of pixel sizes. Radii respect the distances of neighbouring records.
     fn with_radii(&self, with: &Filling<'_>) -> Vec<RecordHead> {
         let accuracy = with.settings.indirect.irradiance_cache.accuracy;
         let radius = |distance: f32, pixel: f32| radius(distance, pixel, accuracy, min_radius(self.rays));
@@ -472,7 +474,8 @@ mod tests {
         (0..count).map(head).collect()
     }
 
-    /// No record's distance exceeds that of one within its radius by more than the way there: against all pairs.
+    /// No record's distance exceeds the distance of another record within its radius plus the length of the way there,
+    /// compared with all pairs.
     #[test]
     fn distances_are_those_of_all_pairs() {
         for (count, accuracy) in [(0, 0.25), (1, 0.25), (2000, 0.25), (2000, 10.0)] {

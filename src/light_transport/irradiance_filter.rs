@@ -13,26 +13,26 @@ use super::record_grid::RecordGrid;
 const REACH_RADII: f32 = 3.0;
 const REACH_PIXELS: f32 = 32.0;
 
-/// How far a record finds others to share outliers with, in pixels, and of how many records these are: a wide mean
-/// needs few of them (docs/decisions.md, "Filtered records").
+/// How far, in pixels, a record finds others to share outliers with, and among how many records of the view: a wide
+/// mean needs few of them (docs/decisions.md, "Filtered records").
 const OUTLIER_REACH_PIXELS: f32 = 96.0;
 const OUTLIER_RECORDS: usize = 768;
 
-/// Outliers are spread from the first of these numbers on, and fully from the second one on. They tell how unequal the
-/// variances of records are: their mean over the square of the mean deviation, 1 if they are equal, n if one record in
-/// n has all of the noise. Records whose rays find the same light have 1.05 to 1.4 (`scenes/box.glb`), and there wide
-/// means blur slopes: up to 1.6 times the error. Where few rays find most of the light it is 1.5 to 6
-/// (`scenes/door.glb`).
+/// Outliers are spread in part above the first of these numbers, and fully above the second. They are compared with a
+/// measure of how unequal the variances of records are: the mean variance over the square of the mean standard
+/// deviation. It is 1 if all are equal, and n if one record in n has all of the noise. If the rays of all records find
+/// the same light it is 1.05 to 1.4 (`scenes/box.glb`), and there wide means blur slopes: up to 1.6 times the error. If
+/// few rays find most of the light it is 1.5 to 6 (`scenes/door.glb`).
 const OUTLIERS: [f64; 2] = [1.5, 2.25];
 
-/// The same for the variance over the squared irradiance. Less noise is less than what wide means lose of slopes:
-/// `scenes/uplight.glb` with 16 samples had 1.2 times the error.
+/// The same two limits for the variance over the squared irradiance. Below the first, wide means would lose more by
+/// blurred slopes than the noise that they remove: `scenes/uplight.glb` with 16 samples had 1.2 times the error.
 const NOISE: [f64; 2] = [0.01, 0.03];
 
 /// Squared half-width of the confidence intervals that must overlap, over the variance; chosen as the reach was.
 const INTERVAL: f64 = 1.0;
 
-/// What is known of the irradiance of a record.
+/// The estimated irradiance of a record or of a mean, and its variance.
 #[derive(Clone, Copy)]
 struct Known {
     irradiance: DVec3,
@@ -88,7 +88,7 @@ impl NoisyRecords<'_> {
         (0..self.heads.len()).into_par_iter().flat_map_iter(spread).collect()
     }
 
-    /// The mean of the members' values; of none, the record's own.
+    /// The mean of the members' values; the record's own values if it has no members.
     fn mean_values(&self, i: usize, members: &[Member]) -> Vec<f32> {
         if members.is_empty() {
             return self.values_of(i).to_vec();
@@ -108,8 +108,8 @@ fn nearest(members: &[Member]) -> Vec<Member> {
     members.iter().map(nearer).filter(|member| member.weight > 0.0).collect()
 }
 
-/// The members whose guide differs from that of record `i` by no more than noise, whose square is `explained` by both
-/// variances.
+/// Weighs the members by how well noise explains the difference of their guide from that of record `i`. `explained` is
+/// the squared difference that two variances explain.
 fn resembling(members: &[Member], guides: &[Known], i: usize, explained: impl Fn(f64, f64) -> f64) -> Vec<Member> {
     let resembles = |other: &Known| {
         let (a, b) = (guides[i].variance, other.variance);
@@ -126,7 +126,7 @@ fn own_or_less(own: f64, other: f64) -> f64 {
     own + own.min(other)
 }
 
-/// What is known of the mean of members.
+/// The mean of members, and its variance.
 fn known_of_all(members: &[Member], known: &[Known]) -> Known {
     let of = |channel: usize| mean(members, |member| known[member.index].irradiance[channel]);
     let weights: f64 = members.iter().map(|member| member.weight).sum();
@@ -171,8 +171,8 @@ mod tests {
         [mean, values.iter().map(|x| (f64::from(*x) - mean).powi(2)).sum::<f64>() / count]
     }
 
-    /// The mean of a plane of equal light is that of the records. The variance falls as far as cones of weights say, of
-    /// a radius of fifteen records: 3 / (2 pi 15^2) of it, 1 in 471, if all were members.
+    /// The mean of a plane of equal light does not change. If all records were members with weights that fall linearly
+    /// to 0 at a radius of fifteen records, the variance would fall to 3 / (2 pi 15^2), 1 in 471.
     #[test]
     fn noise_is_averaged() {
         let plane = Plane::new(|column, row| [2.0 + noise(row * SIDE + column, 0.1), 0.03]);
@@ -182,7 +182,7 @@ mod tests {
         assert!((variance / 0.01 - 1.0).abs() < 0.1, "the test's own noise: {variance}");
         // 0.1 over the root of the 1,600 records is the error of the mean.
         assert!((filtered_mean - mean).abs() < 0.0025, "{mean} became {filtered_mean}");
-        // Records at the rim have fewer around them; and noise that seems to be none keeps some away.
+        // Records at the rim have fewer neighbours, and differences that noise seems not to explain exclude some.
         assert!(left > variance / 500.0 && left < variance / 50.0, "{variance} became {left}");
     }
 
@@ -231,9 +231,9 @@ mod tests {
         }
     }
 
-    /// A record with a ray that met something bright keeps a thirtieth of its light at the most. Those around it get
-    /// some of the rest, as they would all be too dark without it. Some is lost: those farther away take it for that of
-    /// another surface.
+    /// A record with a ray that met something bright keeps at most a thirtieth of its light. Records around it get part
+    /// of the rest; without it they would all be too dark. Part is lost, because records farther away take it for the
+    /// light of another surface.
     #[test]
     fn the_light_of_a_firefly_is_spread() {
         let middle = SIDE / 2;
@@ -246,8 +246,8 @@ mod tests {
         assert!(brightest < 1.0 + 100.0 / 30.0, "{brightest}");
     }
 
-    /// Two records with such a ray leave no disc: their light goes far beyond the reach of other noise. Where all
-    /// records are as noisy as each other, however noisy, only near ones are averaged.
+    /// Two such records leave no bright disc: their light is spread far beyond the reach of other noise. Where all
+    /// records are equally noisy, however much, only near ones are averaged.
     #[test]
     fn the_light_of_outliers_goes_far() {
         let place = |column, row| row == SIDE / 2 && (column == SIDE / 4 || column == 3 * SIDE / 4);

@@ -1,4 +1,4 @@
-//! The kernels of light transport, composed and compiled in parallel. A kernel that a render does not need is none.
+//! The kernels of light transport, composed and compiled in parallel. A kernel that a render does not need is `None`.
 
 use kernel_kit::Gpu;
 
@@ -77,8 +77,8 @@ impl DirectKernels {
     }
 }
 
-/// The kernels of indirect light, and those of techniques in which paths or the shown map carry all light. The render
-/// uses them again when it makes new photons and records.
+/// The kernels of indirect light, or, in techniques in which paths or the shown map carry all light, the kernels of
+/// that. The render uses them again when it makes new photons and records.
 pub(crate) struct IndirectKernels {
     pub global_map: Option<GlobalMapKernels>,
     pub cache: Option<CacheKernels>,

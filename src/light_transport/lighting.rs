@@ -19,7 +19,7 @@ use crate::settings::Settings;
 use crate::specialisation::features::Features;
 use crate::statistics::totals::Totals;
 
-/// The parts that light a tile's points. A part that the technique or the scene does not need is none.
+/// The parts that light a tile's points. A part that the technique or the scene does not need is `None`.
 #[derive(Default)]
 pub(crate) struct Lighting {
     /// Gives each point a few of many lights.
@@ -81,7 +81,7 @@ impl Lighting {
         self.bind_direct_light(shared)
     }
 
-    /// See [`DirectLight::bind_shown_cells`]; none without direct light, too.
+    /// See [`DirectLight::bind_shown_cells`]; `None` also without direct light.
     pub fn bind_shown_cells(
         &self,
         shared: &Shared<'_>,

@@ -7,7 +7,7 @@ use crate::passes::gather::RecordHead;
 
 /// Irradiance records, as pass `gather` left them.
 pub(super) struct NoisyRecords<'a> {
-    /// `size` is that of a pixel at the record, not its radius.
+    /// `size` is the size of a pixel at the record, not the record's radius.
     pub heads: &'a [RecordHead],
     pub radii: &'a [f32],
     /// Variances of their irradiance, sums of the channels.
@@ -19,7 +19,7 @@ pub(super) struct NoisyRecords<'a> {
 /// A record near another one.
 pub(super) struct Member {
     pub index: usize,
-    /// As points are interpolated: 1 at the record, 0 at the end of the reach.
+    /// As in the interpolation at points: 1 at the record, 0 at the end of the reach.
     pub weight: f64,
 }
 
@@ -33,7 +33,7 @@ impl NoisyRecords<'_> {
         DVec3::from([3, 7, 11].map(|channel| f64::from(self.values_of(i)[channel])))
     }
 
-    /// Whether there is a record, and its noise is known.
+    /// Whether the record is valid and its noise is known.
     fn is_valid(&self, i: usize) -> bool {
         self.heads[i].size > 0.0 && self.variances[i].is_finite()
     }
@@ -84,7 +84,8 @@ pub(super) mod plane {
     }
 
     impl Plane {
-        /// With irradiance and variance by column and row, without slopes.
+        /// A plane of records with the irradiance and variance that `record` returns for a column and row, without
+        /// slopes.
         pub fn new(record: impl Fn(usize, usize) -> [f32; 2]) -> Plane {
             let radii = vec![RADIUS; SIDE * SIDE];
             let mut plane = Plane { heads: Vec::new(), radii, values: Vec::new(), variances: Vec::new() };

@@ -15,13 +15,13 @@ pub(super) struct RecordGrid {
 }
 
 impl RecordGrid {
-    /// Of all records; see [`RecordGrid::of_some`].
+    /// A grid of all records; see [`RecordGrid::of_some`].
     pub fn new(heads: &[RecordHead], reach: impl Fn(usize) -> f32) -> RecordGrid {
         RecordGrid::of_some(heads, 1, reach)
     }
 
-    /// Of every `step`-th record. Cells of twice the mean of the distances that records `reach`, so that most reach
-    /// into few of them.
+    /// A grid of every `step`-th record. Its cells are twice as wide as the mean distance that records `reach`, so that
+    /// most reach into few cells.
     pub fn of_some(heads: &[RecordHead], step: usize, reach: impl Fn(usize) -> f32) -> RecordGrid {
         let sum: f64 = (0..heads.len()).map(|i| f64::from(reach(i))).sum();
         let side = (2.0 * sum / heads.len().max(1) as f64) as f32;

@@ -18,7 +18,7 @@ const ALLOWED: f64 = 7.0;
 /// Relative error at the radius that is always allowed: far below what an image shows, and far above rounding.
 const ALWAYS_ALLOWED: f64 = 1e-3;
 
-/// A radius shrinks at most to half at a time: no record has shown yet what lies nearer.
+/// A radius is at most halved at a time, because no record has shown yet what lies nearer.
 const MIN_SHARE: f64 = 0.5;
 
 /// How far gradients are off, from pairs of records.
@@ -40,7 +40,8 @@ impl NoisyRecords<'_> {
         let indices = || (0..self.heads.len()).into_par_iter();
         let members: Vec<Vec<Member>> = indices().map(|i| self.members(&grid, i, self.radii[i])).collect();
         let misfits: Vec<Misfit> = indices().map(|i| self.misfit(i, &members[i])).collect();
-        // Few pairs tell little: the noise of their differences is larger than what is allowed.
+        // Members are pooled, because few pairs estimate the error badly: the noise of their differences exceeds the
+        // allowed error.
         let limit = |i: usize| {
             let Misfit { excess, powers, allowed, pairs } =
                 members[i].iter().fold(Misfit::default(), |sum, member| sum.plus(misfits[member.index]));
@@ -131,7 +132,7 @@ mod tests {
         // At the radius, of 5 columns: of three channels, and 3/8 is the mean of the fourth power of a cosine.
         let error = 3.0 * (curvature * 25.0).powi(2) * 3.0 / 8.0;
         for share in [0.6f32, 0.75, 0.9] {
-            // What is always allowed is less than 1 % of this.
+            // The error that is always allowed is less than 1 % of this.
             let limit = plane(error * share.powi(4) / ALLOWED as f32);
             // A disc of 69 records is no circle, and their thousands of pairs leave some noise: 10 % of the error are
             // 2.5 % of the radius.
@@ -141,8 +142,8 @@ mod tests {
         assert_eq!(plane(1e-9), RADIUS * MIN_SHARE as f32);
     }
 
-    /// Light that follows its slope limits nothing, with noise or without: rounding is no error. Without the slope, it
-    /// limits all records but those of the rims, which have few around them.
+    /// Light that follows its slope limits no radius, with noise or without: rounding is no error. With a slope of 0 it
+    /// limits every record, unless the noise hides it.
     #[test]
     fn straight_light_limits_nothing() {
         for variance in [0.0, 1e-4, 1e-2] {
@@ -157,8 +158,8 @@ mod tests {
         }
     }
 
-    /// At an edge radii shrink to a half at once. Beyond those that find records behind it, and those around them,
-    /// nothing changes.
+    /// At an edge, radii shrink to a half at once. Away from it, beyond the records that find others across the edge
+    /// and their neighbours, nothing changes.
     #[test]
     fn edges_limit_those_that_see_them() {
         let limits = records(|x| if x < 0.0 { 1.0 } else { 2.0 }, |_| 0.0, 1e-4).records().limits();
@@ -197,7 +198,7 @@ mod tests {
             if light == 1e30 { plane.variances[i] = f32::INFINITY } else { plane.heads[i].size = 0.0 }
         }
         assert!(plane.records().limits().iter().all(|limit| *limit == f32::INFINITY));
-        // Records at one place tell nothing of gradients if noise explains how they differ.
+        // Records at one position show nothing about gradients if noise explains their difference.
         let mut plane = Plane::new(|_, _| [1.0, 1e-4]);
         plane.heads.iter_mut().for_each(|head| head.position = [0.0; 3]);
         assert!(plane.records().limits().iter().all(|limit| *limit == f32::INFINITY));

@@ -59,8 +59,8 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, tile| direct.look_up_map_cells(frame, tile, lights));
     }
 
-    /// Classifies the cells that were requested for the first time (pass `grid`). Not in a piece: the class of such a
-    /// cell is for the points that request it first, and these may be those of another piece.
+    /// Classifies the cells that were requested for the first time (pass `grid`). Pieces do not: the class of such a
+    /// cell holds for the surface of the points that request it first, and these may belong to another piece.
     pub fn classify_requested_cells(&mut self) {
         if self.settings.image.piece.is_some() {
             return;
@@ -116,7 +116,7 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, _| direct.clear_queues(frame));
     }
 
-    /// Gives each point the class that the surfaces listed between it and each light tell (pass `light_buffer`), and
+    /// Classifies each point by the surfaces that are listed between it and each light (pass `light_buffer`), and
     /// empties the queues.
     pub fn look_up_light_buffers(&mut self, lights: &Chunk) {
         if let Some(buffers) = &self.lighting.light_buffers {
@@ -198,18 +198,18 @@ impl SecondPass<'_, '_> {
         }
     }
 
-    /// Whether there are several lights for adaptive shadow testing to order. With one light the technique is
-    /// `two-pass`.
+    /// Whether there are several lights whose order matters to adaptive shadow testing. With one light the technique is
+    /// the same as `two-pass`.
     pub fn has_adaptive_testing(&self) -> bool {
         self.lighting.adaptive_testing.is_some()
     }
 
-    /// Whether there are cells with classes. There are none if nothing is to be lit.
+    /// Whether there are cells with classes. If nothing is to be lit, there are no cells.
     pub fn has_cells(&self) -> bool {
         self.lighting.cells.is_some()
     }
 
-    /// Whether there are lists of the surfaces around each light. There are none if nothing is to be lit.
+    /// Whether there are lists of the surfaces around each light. If nothing is to be lit, there are no lists.
     pub fn has_light_buffers(&self) -> bool {
         self.lighting.light_buffers.is_some()
     }

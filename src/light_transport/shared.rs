@@ -1,4 +1,4 @@
-//! What all parts of light transport get from the renderer, and computations that several of them share.
+//! The inputs that all parts of light transport get from the renderer, and computations that several of them share.
 
 use glam::Vec3;
 use kernel_kit::Gpu;

@@ -36,7 +36,7 @@ impl MapKernels {
 }
 
 pub(crate) struct VisibilityMap {
-    /// None between [`VisibilityMap::take_repairs`] and [`VisibilityMap::sort`].
+    /// `None` between [`VisibilityMap::take_repairs`] and [`VisibilityMap::sort`].
     grid: Option<PhotonGrid>,
     kernel: Grid,
     shape: GridShape,
@@ -54,9 +54,9 @@ pub(crate) struct VisibilityMap {
 pub(crate) struct MapState {
     /// Photons that audits added to the map.
     pub added: Vec<Photon>,
-    /// Number of photons of audits since then.
+    /// Number of photons that audits found since the map was sorted.
     pub left: u32,
-    /// Those of them that fit in the buffer.
+    /// The ones among them that fit in the buffer.
     pub kept: Vec<Photon>,
     /// [`PhotonGrid::requested_cells_state`], empty if no cell was requested yet; or the visible share of each light
     /// ([`super::adaptive_testing`]).
@@ -73,7 +73,8 @@ impl MapState {
         [photons[0], photons[1], &fine_cells, &self.fine_cells, &self.rest].concat()
     }
 
-    /// From [`MapState::words`]; none where there are too few, or more photons than audits can leave.
+    /// Restores the state from [`MapState::words`]. Returns `None` if there are too few words, or more photons than
+    /// audits can leave.
     pub fn from_words(words: &[u32], added: usize, left: u32) -> Option<MapState> {
         if added > REPAIR_ROOM as usize {
             return None;
@@ -137,7 +138,7 @@ impl VisibilityMap {
         self.count -= REPAIR_ROOM - self.room;
         self.room = REPAIR_ROOM;
         self.repairs = Repairs::new(gpu, REPAIR_BATCH)?;
-        // Old and new tables need not fit beside each other.
+        // The old tables are dropped first, so that the device need not hold both.
         self.grid = None;
         self.sort(gpu)?;
         Ok(self)
@@ -221,7 +222,7 @@ impl VisibilityMap {
         self.shape.reach()
     }
 
-    /// The sorted photons; none while the map must be sorted again.
+    /// The sorted photons; `None` while the map must be sorted again.
     pub fn grid(&self) -> Option<&PhotonGrid> {
         self.grid.as_ref()
     }

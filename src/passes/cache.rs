@@ -77,7 +77,7 @@ impl ViewRecords {
     }
 }
 
-/// The range of columns of blocks, and that of rows, each without its end.
+/// A range of columns of blocks, and a range of rows; ends are excluded.
 type BlockSpan = [[u32; 2]; 2];
 
 /// The blocks of an image, row by row.
@@ -90,7 +90,7 @@ pub struct Blocks {
 }
 
 impl Blocks {
-    /// Those of an image of `size` pixels.
+    /// The blocks of an image of `size` pixels.
     pub fn new(size: [u32; 2]) -> Blocks {
         let [columns, rows] = size.map(|side| side.div_ceil(BLOCK));
         Blocks { size: size.map(|side| side as f32 / BLOCK as f32), columns, rows }
@@ -101,7 +101,7 @@ impl Blocks {
         (self.columns * self.rows) as usize
     }
 
-    /// Those that a part of the image reaches.
+    /// The blocks that a part of the image reaches.
     pub fn of(&self, reach: Option<ImageArea>) -> impl Iterator<Item = usize> + use<> {
         self.of_span(self.span(reach))
     }
@@ -147,7 +147,7 @@ fn vectors(mut words: Vec<u32>) -> Vec<[u32; 4]> {
 }
 
 bindings! {
-    /// What kernels read of the records.
+    /// The records as kernels read them.
     pub struct RecordBindings {
         /// [`RecordHead`]s.
         pub head_table: &Table,
@@ -174,7 +174,7 @@ impl ViewRecords {
 /// The pass; see `shaders/cache.wgsl`.
 pub struct Cache(Kernel);
 
-/// What the pass writes besides the light at the points.
+/// The outputs of the pass besides the light at the points.
 pub struct CacheBuffers {
     wanted_count: Buffer,
     wanted_points: Buffer,
@@ -290,8 +290,8 @@ impl BoundCache {
         frame.run(&self.arrange_paths, 1, &self.parameters(tile));
     }
 
-    /// What the records change of the light at the tile's points, which [`BoundCache::record_interpolate`] of `before`
-    /// tells: the difference of the indirect light for each point.
+    /// Replaces the indirect light at the tile's points by its change: the light from these records minus that from the
+    /// records of `before`.
     pub fn record_change(&self, frame: &mut Frame<'_>, before: &BoundCache, buffers: &CacheBuffers, tile: &Tile) {
         before.record_interpolate(frame, buffers, tile);
         frame.run(&self.change, tile.point_count, &self.parameters(tile));

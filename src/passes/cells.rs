@@ -36,7 +36,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What `trace` reads and writes besides the scene.
+    /// Buffers of `trace`, apart from the scene.
     struct TraceBindings {
         pub cell_points: &Buffer,
         pub cell_counts: &Buffer,
@@ -45,7 +45,7 @@ bindings! {
 }
 
 bindings! {
-    /// What the classification of cells reads and writes.
+    /// Buffers of the classification of cells.
     struct CellClassBindings {
         pub cell_counts: &Buffer,
         pub cell_words: &Buffer,
@@ -53,7 +53,7 @@ bindings! {
 }
 
 bindings! {
-    /// What the look-up of the points' classes reads and writes.
+    /// Buffers of the look-up of the points' classes.
     struct PointClassBindings {
         pub cell_words: &Buffer,
         pub classes: &Buffer,

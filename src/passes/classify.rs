@@ -19,12 +19,13 @@ pub struct AuditChances {
     pub near: f32,
 }
 
-/// Classes are wrong far more often near boundaries: so many more audits there keep mistakes from becoming fireflies.
-/// 16 raises the default of 1/64 to 1/4, a weight of 4 where a visibility was wrong.
+/// How many times as often points near boundaries are audited, because classes there are wrong far more often. Audits
+/// keep wrong classes from becoming fireflies: 16 raises the default of 1/64 to 1/4, so a wrong visibility has a weight
+/// of 4.
 const NEAR_AUDITS: f32 = 16.0;
 
 impl AuditChances {
-    /// With that probability away from boundaries, 0 to 1.
+    /// The probabilities if points away from boundaries are audited with probability `away`, 0 to 1.
     pub fn of(away: f32) -> AuditChances {
         AuditChances { away, near: NEAR_AUDITS * away }
     }
@@ -59,7 +60,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernels read and write besides the visibility map.
+    /// Buffers of the kernels, apart from the visibility map.
     struct ClassifyBindings {
         pub classes: &Buffer,
         pub queues: &Buffer,
@@ -132,7 +133,7 @@ pub struct Classify {
 pub struct BoundClassify {
     shape: GridShape,
     classify: BoundKernel,
-    /// For the points whose cell has no class yet; none without a visibility map.
+    /// Requests of the points whose cell has no class yet; `None` without a visibility map.
     requests: Option<CellRequests>,
     dilate: BoundKernel,
     compact: BoundKernel,
@@ -198,7 +199,7 @@ impl Classify {
     }
 }
 
-/// The kernel that tells which cell decides each point, for those who look at the cells.
+/// The kernel that shows which cell decides each point, for callers that display the cells.
 pub struct ShowCells(Kernel);
 
 /// The kernel, bound.
@@ -336,7 +337,8 @@ impl ClassifyBuffers {
         self.classes.bytes + self.queues.bytes
     }
 
-    /// Room for [`Queue::Sampled`], a queue of all points: nothing reads the query queue once the classes are known.
+    /// The query queue, used again for [`Queue::Sampled`], a queue of points: once the classes are known, nothing reads
+    /// the queries.
     pub fn sampled_points(&self) -> &Buffer {
         &self.query_queue
     }

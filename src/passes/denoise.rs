@@ -1,4 +1,4 @@
-//! Pass `denoise`: filters an image by what is known of its noise.
+//! Pass `denoise`: filters an image by the estimates of its noise.
 
 use kernel_kit::{Buffer, Gpu, Kernel, KernelTable, Table, TableFormat, bindings, shared_struct, whole_rows};
 
@@ -27,7 +27,7 @@ pub const PIXEL_VECTORS: usize = DENOISE_VECTORS as usize;
 pub const REACH: u32 = 16;
 
 bindings! {
-    /// What the passes read and write, light apart.
+    /// Pixels and results of the entry points, without light.
     struct PixelBindings {
         pub pixels: &Buffer,
         pub light_out: &Buffer,
@@ -35,14 +35,14 @@ bindings! {
 }
 
 bindings! {
-    /// What `prepare` makes of the surfaces.
+    /// The surfaces that `prepare` packs.
     struct SurfaceBindings {
         pub surface_out: &Buffer,
     }
 }
 
 bindings! {
-    /// What `restrain` keeps of its windows.
+    /// The weights that `restrain` keeps of its windows.
     struct WeightBindings {
         pub weights_out: &Buffer,
     }
@@ -79,9 +79,10 @@ impl Denoise {
     /// [`crate::Error::Buffer`] where the device has no room, and those of [`Kernel::bind`] and [`Gpu::read`].
     pub fn filter(&self, gpu: &Gpu, image: &DenoiseParameters, pixels: &[[f32; 4]]) -> Result<Vec<[f32; 4]>> {
         let count = (image.width * image.height) as usize;
-        // With the pixel on the right of the last one, which makes a pair with it where the width is odd.
+        // One pixel more than the image has: if the width is odd, the last pixel is processed in a pair with its right
+        // neighbour.
         let indices = (image.width + DENOISE_BORDER) * (image.height + 2 * DENOISE_BORDER) + DENOISE_BORDER + 1;
-        // Whole rows, as textures of which all is written need no clearing.
+        // Whole rows: a texture that is written completely needs no clearing.
         let records = whole_rows(2 * indices as usize) as u32;
         let input = gpu.upload("penumbra/denoise/pixels", pixels)?;
         let result = gpu.buffer::<[f32; 4]>("penumbra/denoise/result", count)?;

@@ -33,7 +33,7 @@ bindings! {
     }
 }
 
-/// What planes take beside samples.
+/// Inputs of planes besides the samples.
 #[derive(Clone, Copy)]
 pub struct Inputs<'a> {
     /// One word for each [`crate::statistics::Counter`].
@@ -42,7 +42,7 @@ pub struct Inputs<'a> {
     pub sampled_pixels: Option<&'a Buffer>,
 }
 
-/// What is added to each of the samples that pixels have.
+/// A change that is added to each sample that pixels have.
 #[derive(Clone, Copy)]
 pub struct Change<'a> {
     /// A vector for each of the pixels.
@@ -87,7 +87,7 @@ impl Sum {
     }
 }
 
-/// The variance of the mean of `count` samples, from their mean and that of their squares; 0 of a single one, whose
+/// The variance of the mean of `count` samples, from their mean and that of their squares; 0 for a single sample, whose
 /// variance is unknown.
 pub fn variance_of_mean(mean: DVec4, of_squares: DVec4, count: f64) -> DVec4 {
     if count > 1.0 { ((of_squares - mean * mean) / (count - 1.0)).max(DVec4::ZERO) } else { DVec4::ZERO }
@@ -202,8 +202,8 @@ impl Plane {
         frame.run(&self.bound, tile.pixel_count, &parameters);
     }
 
-    /// The mean of each pixel's samples, without those that were not finite. `samples` tells how many were recorded of
-    /// each.
+    /// The mean of each pixel's samples, without those that were not finite. `samples` returns how many samples of a
+    /// pixel were recorded.
     ///
     /// # Errors
     /// As [`Gpu::read`].
@@ -211,12 +211,12 @@ impl Plane {
         Ok(Plane::sums_of(&self.state(gpu)?, samples).iter().map(Sum::mean).collect())
     }
 
-    /// The sums of a state that [`Plane::state`] returned. `samples` tells the number recorded of each pixel.
+    /// The sums of a state that [`Plane::state`] returned. `samples` returns how many samples of a pixel were recorded.
     pub fn sums_of(state: &[u32], samples: &dyn Fn(usize) -> u32) -> Vec<Sum> {
         (0..state.len() / 8).map(|pixel| Plane::sum_of(state, pixel, samples(pixel))).collect()
     }
 
-    /// The sum of one pixel in a state that [`Plane::state`] returned, of which that many samples were recorded.
+    /// The sum of one pixel in a state that [`Plane::state`] returned, if `samples` samples of it were recorded.
     pub fn sum_of(state: &[u32], pixel: usize, samples: u32) -> Sum {
         let (sums, compensations) = state.split_at(state.len() / 2);
         let vectors = bytemuck::cast_slice::<u32, [f32; 4]>;

@@ -54,7 +54,7 @@ impl FineCellView {
 }
 
 bindings! {
-    /// The table, as passes look up cells and add photons; none where there are no fine cells.
+    /// The table for passes that look up cells and add photons; empty if there are no fine cells.
     #[derive(Default)]
     pub struct FineCellBindings {
         /// [`FineCellTable::view`].
@@ -77,8 +77,8 @@ pub struct FineCellTable {
     pub view: Buffer,
     /// [`FineCell`]s.
     pub cells: Buffer,
-    /// Of each entry a hash of its cell with the [`crate::kernels::Class`], 0 if it is empty; then the number of cells,
-    /// and padding.
+    /// For each entry, a hash of its cell with the [`crate::kernels::Class`]; 0 if the entry is empty. Then the number
+    /// of cells, and padding.
     pub tags: Buffer,
     /// The tags when [`FineCellTable::publish`] copied them last.
     pub tag_table: Table,
@@ -104,7 +104,7 @@ impl FineCells {
 }
 
 impl FineCellTable {
-    /// An empty table with as many entries as the view says.
+    /// An empty table with the view's number of entries.
     ///
     /// # Errors
     /// As [`Gpu::buffer`].

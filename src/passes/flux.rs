@@ -155,7 +155,7 @@ impl<'a> Batches<'a> {
         })
     }
 
-    /// All photons, or None where they would outgrow the device's largest binding.
+    /// All photons, or `None` if they would outgrow the device's largest binding.
     fn trace(mut self, kernel: &Kernel, scene: &dyn Bindings) -> Result<Option<FluxPhotons>> {
         let mut first_ray = 0;
         while first_ray < self.traced.emitted && self.unit > 0.0 {

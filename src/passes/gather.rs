@@ -30,7 +30,7 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// Where a record lies; see `shaders/gather.wgsl`.
+    /// Position of a record, and data that its waves share; see `shaders/gather.wgsl`.
     pub struct RecordOrigin {
         position: [f32; 3],
         geometric: u32,
@@ -179,9 +179,9 @@ impl Wave {
         [1 << rings, 1 << (levels - rings)]
     }
 
-    /// The points of the unit square of its rays, by stratum, as fractions of 2^32: numbers `earlier` to
-    /// `earlier + rays` of the first two dimensions of the Sobol sequence. That is a (0, 2)-sequence (Niederreiter
-    /// 1987): each stratum has one of them, and with those of the earlier waves each stratum of finer divisions.
+    /// The points of the unit square of its rays, by stratum, as fractions of 2^32: numbers `earlier` to `earlier +
+    /// rays` of the first two dimensions of the Sobol sequence. That is a (0, 2)-sequence (Niederreiter 1987): each
+    /// stratum has one point, and together with the points of earlier waves so has each stratum of finer divisions.
     pub fn points(self) -> Vec<[u32; 2]> {
         let directions = sobol::directions();
         let [rings, sectors] = self.strata();
@@ -210,8 +210,8 @@ pub struct BoundGather {
     wave: Wave,
 }
 
-/// The rays of a dispatch. Those for many rays take a while to make, and most waves have few: so they grow as they are
-/// needed, and are kept from wave to wave.
+/// The rays of a dispatch. Buffers for many rays take a while to make, and most waves have few rays. So they grow when
+/// necessary, and are kept from wave to wave.
 #[derive(Clone)]
 pub struct RayBuffers {
     /// For each ray its radiance, and the distance of its hit.
@@ -220,7 +220,7 @@ pub struct RayBuffers {
     path_count: Buffer,
     path_arguments: Buffer,
     path_points: Buffer,
-    /// For each of them, at its index, what it hit.
+    /// The hits of the rays that paths continue, by index of the ray.
     points: KernelTable,
     surfaces: KernelTable,
     hits: Buffer,
@@ -231,7 +231,7 @@ pub struct RayBuffers {
 }
 
 impl Bindings for RayBuffers {
-    /// What pass `path` reads of the hits.
+    /// The hits, as pass `path` reads them.
     fn get(&self, name: &str) -> Option<Binding<'_>> {
         let points = VisiblePointBindings { point_table: &self.points.table, surface_table: &self.surfaces.table };
         let queue = PathQueueBindings { path_count: &self.path_count, path_points: &self.path_points };
@@ -298,8 +298,8 @@ impl Gather {
         Ok(Gather(kernel(gpu, "gather", features, constants, &[GatherBindings::DECLARED])?))
     }
 
-    /// Binds it and pass `path`, which goes on from hits, to a tile's buffers, for a wave of rays of records. Buffers
-    /// of rays have room for a record's.
+    /// Binds the pass, and pass `path`, which continues paths from its hits, to a tile's buffers, for a wave of rays of
+    /// records. The buffers of rays have room for at least one record's rays.
     ///
     /// # Errors
     /// As [`Kernel::bind`] and [`Gpu::buffer`].
@@ -347,13 +347,13 @@ impl Gather {
 /// Minimum radius in pixels of records with few rays: denser ones cost more than they improve.
 const MAX_MIN_RADIUS: f32 = 3.0;
 
-/// Rays of a record from which on the minimum shrinks. With 64 the box of `scenes/` had 1.08 times the error at 16
-/// samples.
+/// Number of rays of a record above which the minimum radius shrinks. With 64 the box of `scenes/` had 1.08 times the
+/// error at 16 samples.
 const FEW_RAYS: u32 = 128;
 
-/// Minimum radius in pixels of records with that many rays. Where surfaces meet, a record errs by the square of its
-/// radius, and no rays help: so the radius shrinks with the root of their number, and its squared error faster than
-/// their variance.
+/// Minimum radius in pixels of records with this number of rays. Where surfaces meet, a record has an error
+/// proportional to the square of its radius, which more rays do not reduce. So the radius shrinks with the square root
+/// of the number of rays: the square of this error then falls faster than the variance.
 pub fn min_radius(rays: u32) -> f32 {
     MAX_MIN_RADIUS * (FEW_RAYS as f32 / rays.max(FEW_RAYS) as f32).sqrt()
 }

@@ -59,7 +59,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What sorting reads and writes.
+    /// Buffers of the sort.
     struct SortBindings {
         pub photons: &Buffer,
         pub cell_counts: &Buffer,
@@ -72,7 +72,7 @@ bindings! {
 }
 
 bindings! {
-    /// What classifying cells reads and writes besides the sorted photons.
+    /// Buffers of the classification of cells, apart from the sorted photons.
     struct CellClassBindings {
         pub occupied_cells: &Buffer,
         pub classify_arguments: &Buffer,
@@ -106,7 +106,7 @@ pub struct SortedPhotons {
 }
 
 bindings! {
-    /// What kernels read of sorted photons.
+    /// Sorted photons, as kernels read them.
     pub struct SortedPhotonBindings {
         /// The [`Photon`]s.
         pub photon_table: &Table,
@@ -234,7 +234,7 @@ impl PhotonGrid {
 }
 
 bindings! {
-    /// What kernels read of the visibility map, and the requests for cells that they write.
+    /// The visibility map as kernels read it, and the requests for cells that they write.
     pub struct PhotonGridBindings {
         /// The [`Photon`]s.
         pub photon_table: &Table,
@@ -242,9 +242,9 @@ bindings! {
         pub cell_starts: &Table,
         /// Classes of the cells; see `shaders/lib/cell_class.wgsl`.
         pub cell_classes: &Table,
-        /// By cell: the normals of the points that request it.
+        /// For each cell, the normals of the points that request it.
         pub requested_normals: &Buffer,
-        /// By cell: its index among the requested cells.
+        /// For each cell, its index among the requested cells.
         pub requested_indices: &Buffer,
         /// [`RequestedCell`]s.
         pub requested_cells: &Buffer,

@@ -50,9 +50,10 @@ pub const IRRADIANCE_NEAREST: u32 = 64;
 pub const MAP_PHOTONS_PER_CELL: f32 = 0.35 * IRRADIANCE_NEAREST as f32;
 
 /// Rays of the global map for each ray whose photons become irradiance points. A disc then holds eight irradiance
-/// points. Their values are nearly equal, but the clear parts of four would leave out a thirteenth of an open surface,
-/// where rays go on as paths; those of eight leave out a hundredth. They come from rays of their own, not from the
-/// map's: these are stratified, so the density around a photon of the map is too low (by 1 % in the paper's box).
+/// points. Their values are nearly equal, but the clear parts of the discs must cover the surface, since rays that hit
+/// none continue as paths. Four discs would leave out a thirteenth of an open surface, eight leave out a hundredth.
+/// They come from rays of their own, not from the map's: these are stratified, so the density around a photon of the
+/// map is too low (by 1 % in the paper's box).
 pub const RAYS_PER_IRRADIANCE_POINT_RAY: u32 = 8;
 
 /// Irradiance points in a cell of their grid, on an evenly covered surface. A look-up reads 2 x 2 cells of the surface.

@@ -18,7 +18,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the classification reads and writes.
+    /// Buffers of the classification.
     struct ClassBindings {
         pub classes: &Buffer,
         pub buffered_lights: &Buffer,

@@ -34,7 +34,7 @@ use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::surface_vectors;
 
 shared_struct! {
-    /// Whole rows of the image or of its crop, or some pixels of them, with several samples of each; see
+    /// Whole rows of the image or of its crop, or some pixels of these rows, with several samples per pixel; see
     /// `shaders/lib/tile.wgsl`.
     pub struct Tile {
         /// Width of the whole image in pixels.
@@ -59,7 +59,7 @@ shared_struct! {
         pub seed: u32,
         /// 1 where rays go through the centres of the pixels, 0 where anywhere in them.
         pub centred: u32,
-        /// What follows a struct in a uniform buffer is aligned to 16 bytes.
+        /// In a uniform buffer, the member after a struct is aligned to 16 bytes.
         pub padding: u32,
     }
 }
@@ -251,17 +251,17 @@ pub struct TileBuffers {
     pub surfaces: KernelTable,
     /// Emission and direct light; w is 1 where the camera ray hit a surface or the environment.
     pub radiance_direct: Buffer,
-    /// Indirect light, of one bounce and more; none where the technique computes none.
+    /// Indirect light, of one bounce and more; `None` if the technique computes none.
     pub radiance_indirect: Option<Buffer>,
-    /// Base colour; none without that AOV.
+    /// Base colour; `None` without this AOV.
     pub albedo_samples: Option<Buffer>,
-    /// Shading normal; none without that AOV.
+    /// Shading normal; `None` without this AOV.
     pub normal_samples: Option<Buffer>,
-    /// Position and depth; none without that AOV.
+    /// Position and depth; `None` without this AOV.
     pub position_samples: Option<Buffer>,
-    /// The guides of denoisers; none without denoising.
+    /// The guides of denoisers; `None` without denoising.
     pub guides: Option<GuideSamples>,
-    /// The pixels that get samples; none where all do.
+    /// The pixels that get samples; `None` if all do.
     pub sampled_pixels: Option<SampledPixels>,
     /// One zero vector, bound in place of a part of the radiance that the technique does not compute.
     pub zeros: Buffer,
@@ -310,7 +310,7 @@ impl TileBuffers {
         })
     }
 
-    /// What the film's planes take beside samples.
+    /// Inputs of the film's planes besides the samples.
     pub fn film_inputs(&self) -> film::Inputs<'_> {
         film::Inputs {
             counters: &self.counters,

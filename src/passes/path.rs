@@ -34,7 +34,7 @@ bindings! {
 }
 
 shared_struct! {
-    /// A hit of a gather ray from which pass `path` goes on; see `shaders/lib/gather_hit.wgsl`.
+    /// A hit of a gather ray from which pass `path` continues; see `shaders/lib/gather_hit.wgsl`.
     pub struct GatherHit {
         transmittance: [f32; 3],
         spread: f32,
@@ -46,7 +46,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// A queue of points from which paths go on.
+    /// A queue of points from which paths continue.
     pub struct PathQueueBindings {
         /// Number of queued points.
         pub path_count: &Buffer,
@@ -56,7 +56,7 @@ bindings! {
 }
 
 bindings! {
-    /// What the kernel reads of hits of gather rays, beside their points and surfaces.
+    /// Hits of gather rays as the kernel reads them, apart from their points and surfaces.
     pub struct HitBindings {
         /// [`GatherHit`]s, by index of the ray.
         pub gather_hits: &Buffer,

@@ -21,7 +21,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernel writes.
+    /// The output of the kernel.
     struct PhotonBindings {
         pub traced_photons: &Buffer,
         pub traced_counts: &Buffer,

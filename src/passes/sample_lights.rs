@@ -17,7 +17,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernel reads, and the candidates that it writes.
+    /// The inputs of the kernel, and the candidates that it writes.
     struct SampleLightsBindings {
         pub sampled_lights: &Buffer,
     }
@@ -26,8 +26,8 @@ bindings! {
 bindings! {
     /// The sampled lights, as the passes after this one read them.
     pub struct SampledLightBindings {
-        /// For each candidate the light, and 1 over the probability that it was sampled; none where points use all
-        /// lights.
+        /// For each candidate, the light, and 1 over the probability with which it was sampled; `None` if points use
+        /// all lights.
         pub sampled_lights: Option<&Buffer>,
     }
 }

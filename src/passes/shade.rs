@@ -29,7 +29,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernels read and write whatever the features.
+    /// Buffers of the kernels with any features.
     struct ShadeBindings {
         pub classes: &Buffer,
         pub visibility: &Buffer,
@@ -47,7 +47,7 @@ bindings! {
 }
 
 bindings! {
-    /// What the kernels write for the AOV.
+    /// The output for the AOV.
     struct ShadowSampleBindings {
         pub shadow_samples: &Buffer,
     }
@@ -56,7 +56,7 @@ bindings! {
 /// The pass; see `shaders/shade.wgsl`.
 pub struct Shade(Kernel);
 
-/// What the kernels read from earlier passes, and their own queue.
+/// Inputs of the kernels from earlier passes, and their own queue.
 pub struct ShadeBuffers<'a> {
     /// Class words of the candidates.
     pub classes: &'a Buffer,
@@ -66,7 +66,7 @@ pub struct ShadeBuffers<'a> {
     pub shadow_samples: Option<&'a Buffer>,
     /// Room for every point of the tile.
     pub sampled_points: &'a Buffer,
-    /// Lengths of the tile's queues; that of [`crate::kernels::Queue::Sampled`] must be 0.
+    /// Lengths of the tile's queues; the length of [`crate::kernels::Queue::Sampled`] must be 0.
     pub queue_lengths: &'a Buffer,
 }
 

@@ -24,7 +24,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What shadow rays read and write.
+    /// Buffers of shadow rays.
     struct ShadowBindings {
         pub boundary_queue: &Buffer,
         pub queue_lengths: &Buffer,
@@ -35,7 +35,7 @@ bindings! {
 }
 
 bindings! {
-    /// What audits read and write besides that.
+    /// Further buffers of audits.
     struct AuditBindings {
         pub classes: &Buffer,
         pub audit_queue: &Buffer,
@@ -49,7 +49,7 @@ pub struct Shadow {
     audits: bool,
 }
 
-/// What the pass reads and writes besides the tile's buffers.
+/// Buffers of the pass, apart from the tile's.
 pub struct ShadowBuffers<'a> {
     /// Class words of the candidates.
     pub classes: &'a Buffer,
@@ -61,7 +61,7 @@ pub struct ShadowBuffers<'a> {
     pub queue_lengths: &'a Buffer,
     /// Visibility bits of the candidates.
     pub visibility: &'a Buffer,
-    /// Photons that audits add to the map; none where nothing is audited.
+    /// Photons that audits add to the map; `None` if there are no audits.
     pub repairs: Option<&'a Repairs>,
 }
 

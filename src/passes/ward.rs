@@ -42,7 +42,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernels read and write.
+    /// Buffers of the kernels.
     struct WardBindings {
         pub classes: &Buffer,
         pub visibility: &Buffer,
@@ -55,14 +55,15 @@ bindings! {
     }
 }
 
-/// Lights whose potentials one invocation computes. Their light points, and the search for an emitter triangle for each
-/// of these, stay well below the 65,535 iterations that lavapipe allows an invocation.
+/// Number of lights whose potentials one invocation computes. Their light points, and for each the search for an
+/// emitter triangle, stay well below the 65,535 iterations that lavapipe allows an invocation.
 const LIGHTS_AT_ONCE: u32 = 64;
 
 /// The pass; see `shaders/ward.wgsl`.
 pub struct Ward(Kernel);
 
-/// What one round or tile passes to the next: the state of each point, and how much of each light was visible so far.
+/// State that one round or tile passes to the next: the state of each point, and the visible share of each light so
+/// far.
 pub struct WardBuffers {
     keys: Buffer,
     states: Buffer,

@@ -28,7 +28,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernel reads besides the photons, and what it writes.
+    /// Buffers of the kernel, apart from the photons.
     struct ZoneBindings {
         pub light_powers: &Buffer,
         pub listed_lights: &Buffer,
@@ -54,7 +54,7 @@ pub struct ZoneTable {
 }
 
 bindings! {
-    /// What kernels read of the zones.
+    /// The zones' lists, as kernels read them.
     pub struct ZoneListBindings {
         /// [`ZONE_LIGHTS`] words per zone.
         pub zone_lists: &Table,
@@ -62,7 +62,7 @@ bindings! {
 }
 
 impl ZoneTable {
-    /// What kernels read of the zones.
+    /// The zones' lists, as kernels read them.
     pub fn bindings(&self) -> ZoneListBindings<'_> {
         ZoneListBindings { zone_lists: &self.table }
     }

@@ -96,7 +96,7 @@ pub(crate) fn box_corners([low, high]: [DVec3; 2]) -> [DVec3; 8] {
     std::array::from_fn(|i| DVec3::select(glam::BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0), high, low))
 }
 
-/// Transform from normalised space to the space of a node. None if the matrix of the node has no inverse.
+/// Transform from normalised space to the space of a node. `None` if the matrix of the node has no inverse.
 pub(crate) fn to_own(world: &DAffine3, normalisation: &Normalisation) -> Option<DAffine3> {
     let scale = normalisation.scale();
     let to_world = DAffine3::from_translation(normalisation.centre) * DAffine3::from_scale(DVec3::splat(1.0 / scale));

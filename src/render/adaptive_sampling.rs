@@ -17,16 +17,16 @@ use crate::passes::film::{Plane, Sum};
 use crate::settings::{Denoise, ImageSettings};
 use crate::statistics::totals::Totals;
 
-/// At least this part of the blocks whose error is too large get samples together: estimates and dispatches take their
-/// time however few the blocks are.
+/// Minimum share of the blocks with too large an error that get samples together. Estimates and dispatches take the
+/// same time for a few blocks as for many.
 const ROUND_SHARE: f64 = 0.125;
 
-/// As [`ROUND_SHARE`], where each estimate runs denoisers, which take as long as several samples of all pixels.
+/// Like [`ROUND_SHARE`], if each estimate runs denoisers, which take as long as several samples of all pixels.
 const DENOISED_SHARE: f64 = 0.5;
 
 impl Renderer<'_> {
-    /// Whether the render needs more samples than it has. With [`ImageSettings::noise`] it decides where they go,
-    /// if no batch is under way, by the estimated error of what `denoiser` makes of the image.
+    /// Whether the render needs more samples than it has. With [`ImageSettings::noise`] it decides where they go, if no
+    /// batch is under way, by the estimated error of the image that `denoiser` returns.
     ///
     /// # Errors
     /// As [`Renderer::denoised_image`].
@@ -50,7 +50,7 @@ impl Renderer<'_> {
         Ok(self.blocks.as_ref().is_some_and(|blocks| !blocks.is_complete()))
     }
 
-    /// What the user should know if [`ImageSettings::noise`] was not reached: samples or time ended the render.
+    /// A note if [`ImageSettings::noise`] was not reached, because samples or time ended the render.
     pub fn note_on_noise(&self) -> Option<String> {
         let noise = self.settings.image.noise?;
         let [above, all] = self.blocks.as_ref()?.above();
@@ -116,17 +116,17 @@ impl Renderer<'_> {
         Ok(colours.par_iter().enumerate().map(pixel).collect())
     }
 
-    /// Whether the pixels have the samples that were decided on, and enough of them to estimate their noise.
+    /// Whether the pixels have all samples of the last decision, and enough of them to estimate their noise.
     fn is_decision_due(&self) -> bool {
         self.samples > 1 && self.blocks.as_ref().is_some_and(Blocks::is_complete)
     }
 
-    /// Whether it is to be decided which pixels get more samples, where they share them out.
+    /// Whether a decision is due on which pixels get more samples, in adaptive sampling with a fixed budget.
     pub(super) fn is_to_share(&self) -> bool {
         self.settings.image.shares_samples() && self.is_decision_due()
     }
 
-    /// Decides which pixels get more samples when the mean is twice as large as now, unless that is decided already.
+    /// Decides which pixels get samples until the mean is twice as large as now, unless this is decided already.
     pub(super) fn share_samples(&mut self) -> Result<()> {
         if !self.is_to_share() {
             return Ok(());
@@ -146,7 +146,8 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// The relMSE of the raw image by what its samples do not share, where noise tells which pixels get samples.
+    /// The relMSE of the raw image by the error that its samples do not share, if noise decides which pixels get
+    /// samples.
     pub(super) fn noise_of_samples(&mut self) -> Result<Option<f64>> {
         if !self.settings.image.shares_samples() || self.samples < 2 {
             return Ok(None);
@@ -190,7 +191,7 @@ fn colours_of(parts: &[[Vec<u32>; 3]], pixel: usize, samples: u32) -> [Colour; 3
     for [whole, even, odd] in parts {
         let whole = Plane::sum_of(whole, pixel, samples);
         let first = Plane::sum_of(if half.ilog2().is_multiple_of(2) { even } else { odd }, pixel, half);
-        // A pixel without finite samples of a half tells nothing of the error: it counts as exact.
+        // A pixel without finite samples in one half does not show its error: it counts as exact.
         let of_half = |half: Sum| if half.kept > 0.0 { half.mean() } else { whole.mean() };
         for (colour, mean) in colours.iter_mut().zip([whole.mean(), of_half(first), of_half(whole.without(&first))]) {
             *colour = [0, 1, 2].map(|c| colour[c] + mean[c] as f32);
@@ -272,7 +273,7 @@ mod tests {
         let expected = vec![[1.0, 2.0, 3.0]; 12];
         assert_eq!(medians(&colours, 4), expected);
         let row: Vec<Colour> = (1u8..5).map(|x| [f32::from(x); 3]).collect();
-        // Of an even number the upper one.
+        // For an even count, the upper one of the two in the middle.
         assert_eq!(medians(&row, 4), [2.0, 2.0, 3.0, 4.0].map(|x| [x; 3]));
     }
 

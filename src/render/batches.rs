@@ -33,8 +33,8 @@ pub struct Progress {
 
 impl Renderer<'_> {
     /// Renders one or more samples of every pixel, and no more than the settings request until these are complete. With
-    /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) only those pixels get samples that need more,
-    /// and none if none does.
+    /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) only pixels that need more samples get any,
+    /// possibly none.
     ///
     /// # Errors
     /// [`crate::Error::Computation`] if more than a thousandth of the rays exceeded the loop budget, and those of
@@ -119,7 +119,7 @@ impl Renderer<'_> {
         Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share }
     }
 
-    /// The next batch of blocks that are to reach a small error; none where pixels share samples out.
+    /// The next batch of blocks that must reach a small error; `None` in adaptive sampling with a fixed budget.
     fn blocks_of_batch(&self) -> Option<Batch> {
         self.blocks.as_ref().filter(|_| self.settings.image.noise.is_some()).and_then(Blocks::batch)
     }
@@ -129,7 +129,7 @@ impl Renderer<'_> {
         self.blocks.as_ref().zip(batch).map_or(1.0, |(blocks, batch)| blocks.share_of(batch))
     }
 
-    /// Expected seconds of one sample of each pixel of the next batch; none before the first batch.
+    /// Expected seconds of one sample of each pixel of the next batch; `None` before the first batch.
     pub(super) fn seconds_of_sample(&self) -> Option<f64> {
         let share = || self.share_of_pixels(self.blocks_of_batch().as_ref());
         self.seconds_per_sample.map(|seconds| seconds * share())
@@ -153,7 +153,7 @@ impl Renderer<'_> {
         let missing = batch.map_or(to_spp, |batch| batch.missing);
         let most = if missing > 0 { most.min(missing) } else { most };
         // Fine cells learn from each batch: the number of samples doubles, so that they learn early. The first
-        // sample is a preview, by few gather rays, and tells whether photons pay.
+        // sample is a preview, with few gather rays, and shows whether photons pay off.
         let features = &self.specialisation.features;
         let preview = self.stage < 0 && features.has(Feature::GlobalMap);
         let learning = features.has(Feature::FineCells) || self.with_photons.is_some() || preview;
@@ -214,7 +214,7 @@ impl Renderer<'_> {
             primary: &self.primary,
             lighting: &self.lighting,
             settings: &self.settings,
-            // Those of a piece are summed here.
+            // The samples of a piece are summed on the host instead.
             planes: film.sample_planes().filter(|_| self.piece_sums.is_none()).collect(),
             shade_at_once: self.shade_at_once,
             class_films: &film.classes,

@@ -9,14 +9,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::settings::ImageSettings;
 
-/// Side of a block in pixels. Its 64 pixels tell the error of the mean of a few samples to about a fifth.
+/// Side of a block in pixels. With 64 pixels, the error of the mean of a few samples is estimated to about a fifth.
 const SIDE: u32 = 8;
 
-/// Samples of each pixel before the first estimate. Fewer say little where light is rare.
+/// Samples of each pixel before the first estimate. Where light is rare, fewer give no useful estimate.
 const MIN_SAMPLES: u32 = 8;
 
-/// Blocks get samples together if the gain by each sample of one is at least this part of that of the best: twice the
-/// samples have half of the error and less, so the gain by a further sample falls to a quarter.
+/// Blocks get samples together if the error that each removes by one sample is at least this part of what the best
+/// block removes. Twice the samples leave half of the error or less, so the gain by a further sample falls to a
+/// quarter.
 const ROUND_GAIN: f64 = 0.25;
 
 /// Minimum and maximum samples of a pixel in adaptive sampling with a fixed budget, as doublings of the mean: half of
@@ -24,15 +25,15 @@ const ROUND_GAIN: f64 = 0.25;
 /// Where all noise is in a few pixels, more than eight times the samples gain little.
 const DOUBLINGS: [i32; 2] = [-1, 3];
 
-/// Pixels to each side of one whose noise tells how many samples it gets: edges are one or two pixels wide.
+/// Pixels to each side of a pixel whose noise decides how many samples it gets: edges are one or two pixels wide.
 const REACH: usize = 2;
 
-/// Share of the mean variance of a sample that is added to that of each pixel: an estimate of none from a few samples
-/// does not mean that there is none.
+/// Share of the mean variance of a sample that is added to the variance of each pixel: an estimate of 0 from a few
+/// samples does not mean that there is no noise.
 const MIN_VARIANCE: f64 = 1e-3;
 
 /// Numbers of samples are rounded to powers of two times the mean. In this part of an octave around the border between
-/// two of them some pixels are rounded up and others down, so that of equal pixels any part can get more.
+/// two of them, some pixels are rounded up and others down, so that any share of equal pixels can get more samples.
 const ROUNDING: f64 = 0.25;
 
 /// Binary digits after the point of the base-2 logarithms of shares, which are integers: a step is 0.07 % of a share,
@@ -49,8 +50,8 @@ pub(super) struct Blocks {
     columns: u32,
     /// Samples of each pixel of a block, row by row.
     samples: Vec<u32>,
-    /// Blocks that get more before the next estimate: those of equal numbers side by side, or where pixels share
-    /// samples out, those that are so in the image.
+    /// Blocks that get more samples before the next estimate. Blocks with equal numbers of samples are consecutive; in
+    /// adaptive sampling with a fixed budget the order is that of the image.
     next: Vec<Next>,
     /// Blocks whose estimated error was above the limit at the last decision.
     above: u32,
@@ -82,7 +83,7 @@ pub(super) struct PixelErrors {
 }
 
 impl Blocks {
-    /// Those of an image whose pixels get different numbers of samples; none of one where all get the same.
+    /// The blocks of an image whose pixels get different numbers of samples; `None` if all get the same number.
     pub fn of(image: &ImageSettings) -> Option<Blocks> {
         if image.noise.is_some() {
             Some(Blocks::new(image, SIDE, image.spp.min(MIN_SAMPLES)))
@@ -91,7 +92,7 @@ impl Blocks {
         }
     }
 
-    /// No samples yet; the first `target` are for all blocks.
+    /// Blocks without samples. All of them get `target` samples first.
     fn new(image: &ImageSettings, side: u32, target: u32) -> Blocks {
         let part = image.part();
         let [columns, rows] = [part.width, part.height].map(|pixels| pixels.div_ceil(side));
@@ -101,7 +102,7 @@ impl Blocks {
         blocks
     }
 
-    /// All blocks, those side by side that are so in the image: their rays are traced together.
+    /// All blocks. Neighbours in the image are near each other in the order, because their rays are traced together.
     fn in_order(&self) -> impl Iterator<Item = u32> + use<> {
         let (columns, rows) = (self.columns, self.samples.len() as u32 / self.columns);
         let near = SIDE / self.side;
@@ -111,7 +112,7 @@ impl Blocks {
         })
     }
 
-    /// Whether it is of an image of that size.
+    /// Whether the blocks belong to an image of this size.
     pub fn fits(&self, image: &ImageSettings) -> bool {
         let Some(new) = Blocks::of(image) else { return false };
         let is_block = |next: &Next| (next.block as usize) < new.samples.len();
@@ -119,7 +120,8 @@ impl Blocks {
         is_size && self.next.iter().all(is_block)
     }
 
-    /// The next blocks whose pixels have and will have equal numbers of samples; none before the next estimate.
+    /// The next blocks whose pixels have the same number of samples now and will have the same number then; `None` if
+    /// the next estimate is due.
     pub fn batch(&self) -> Option<Batch> {
         let first = self.next.first()?;
         let numbers = |next: &Next| (self.samples[next.block as usize], next.target);
@@ -128,8 +130,8 @@ impl Blocks {
         Some(Batch { blocks: same.map(|next| next.block).collect(), first_sample, missing: target - first_sample })
     }
 
-    /// Of the samples that blocks are to get, the part that brings the mean from `mean` to `layers` more. No batch goes
-    /// beyond a power of two, so that blocks of few samples join those of more; each batch follows those before it.
+    /// The part of the decided samples that raises the mean of all pixels from `mean` by `layers`. No batch extends
+    /// beyond a power of two, so that blocks with few samples join those with more. Batches must be rendered in order.
     pub fn part(&self, layers: u32, mean: u32) -> Vec<Batch> {
         // Decisions are made at powers of two from 2 on.
         let all = (mean + 1).next_power_of_two().max(2) - mean;
@@ -147,7 +149,7 @@ impl Blocks {
         batches.into_iter().map(|((first_sample, missing), blocks)| Batch { blocks, first_sample, missing }).collect()
     }
 
-    /// Counts the samples that batches were to get.
+    /// Counts the samples of these batches as rendered.
     pub fn add(&mut self, batches: &[Batch]) {
         for Batch { blocks, missing, .. } in batches {
             blocks.iter().for_each(|block| self.samples[*block as usize] += missing);
@@ -156,10 +158,11 @@ impl Blocks {
         next.retain(|next| samples[next.block as usize] < next.target);
     }
 
-    /// Shares out as many samples as bring the mean of the blocks, which are single pixels, to `mean`, by the estimated
-    /// relMSE of each. The error of all is least where numbers are in proportion to the square roots of the variances
-    /// of samples (Neyman 1934). What decides on a pixel are those around it, whose samples are independent of its own:
-    /// else those that look clean by chance would remain so, and the image would be too dark.
+    /// Decides on the samples that raise the mean of the blocks, which are single pixels, to `mean`, by the estimated
+    /// relMSE of each. The total error is smallest if numbers of samples are in proportion to the square roots of the
+    /// variances of samples (Neyman 1934). A pixel's number depends on the pixels around it, whose samples are
+    /// independent of its own. Otherwise pixels that look clean by chance would stay so, and the image would be too
+    /// dark.
     pub fn share_out(&mut self, errors: &[f64], mean: u32) {
         let logarithms = self.logarithms_of_shares(errors);
         let [fewest, most] = DOUBLINGS;
@@ -183,7 +186,7 @@ impl Blocks {
         self.next = self.in_order().filter_map(next).collect();
     }
 
-    /// Gives each block as many samples more as it has.
+    /// Doubles the samples of each block.
     pub fn double(&mut self) {
         self.next = self.in_order().map(|block| self.doubled(block, u32::MAX)).collect();
     }
@@ -227,7 +230,7 @@ impl Blocks {
         self.next = wanted.into_iter().map(|block| self.doubled(block, spp)).collect();
     }
 
-    /// All blocks, those of equal numbers of samples together.
+    /// All blocks, in a batch for each number of samples.
     pub fn by_samples(&self) -> impl Iterator<Item = Batch> + use<> {
         let mut batches = BTreeMap::<u32, Vec<u32>>::new();
         for (block, samples) in (0..).zip(&self.samples) {
@@ -236,7 +239,8 @@ impl Blocks {
         batches.into_iter().map(|(first_sample, blocks)| Batch { blocks, first_sample, missing: 0 })
     }
 
-    /// The number of blocks whose estimated error was above the limit at the last decision, and of all blocks.
+    /// The number of blocks whose estimated error was above the limit at the last decision, and the number of all
+    /// blocks.
     pub fn above(&self) -> [usize; 2] {
         [self.above as usize, self.samples.len()]
     }
@@ -257,8 +261,8 @@ impl Blocks {
         self.samples[y * self.columns as usize + x]
     }
 
-    /// Mean relMSE of the pixels of each block, or of all pixels of the blocks around it too if that is larger: by luck
-    /// alone a block may look clean.
+    /// The relMSE of each block: the mean over its pixels, or over the pixels of its neighbours too if that is larger.
+    /// A block alone may look clean by chance.
     pub fn errors(&self, pixels: &[f64], width: u32) -> Vec<f64> {
         let columns = self.columns as usize;
         let mut sums = vec![[0.0; 2]; self.samples.len()];
@@ -315,18 +319,19 @@ mod tests {
     /// The smallest part of the blocks that get samples together.
     const SHARE: f64 = 0.125;
 
-    /// Of an image whose blocks get samples until they have little noise.
+    /// The blocks of an image in adaptive sampling to a noise threshold.
     fn blocks(width: u32, height: u32, spp: u32) -> Blocks {
         Blocks::of(&ImageSettings { width, height, spp, noise: Some(0.1), ..ImageSettings::default() }).unwrap()
     }
 
-    /// Of an image whose pixels share samples out.
+    /// The pixels of an image in adaptive sampling with a fixed budget.
     fn pixels(width: u32, height: u32, spp: u32) -> Blocks {
         let sampling = Sampling::Adaptive;
         Blocks::of(&ImageSettings { width, height, spp, sampling, ..ImageSettings::default() }).unwrap()
     }
 
-    /// Adds all samples of the blocks that are next, at most `layers` at a time; the batches as blocks and numbers.
+    /// Adds all samples of the blocks that are next, at most `layers` at a time. Returns the blocks, first sample and
+    /// samples of each batch.
     fn render(adaptive: &mut Blocks, layers: u32) -> Vec<(Vec<u32>, u32, u32)> {
         let mut batches = Vec::new();
         while let Some(mut batch) = adaptive.batch() {
@@ -347,8 +352,8 @@ mod tests {
         }
     }
 
-    /// Blocks with more than the noise double their samples up to the limit, those of the largest gain first; batches
-    /// are of blocks with equal numbers.
+    /// Blocks above the noise double their samples up to the limit, the ones with the largest gain first. All blocks of
+    /// a batch have equal numbers of samples.
     #[test]
     fn samples_go_where_they_gain() {
         let mut adaptive = blocks(64, 8, 40);
@@ -368,7 +373,7 @@ mod tests {
         assert!(adaptive.batch().is_none());
     }
 
-    /// Of many blocks at least an eighth go together, those of the largest gain.
+    /// At least an eighth of many blocks get samples together: those with the largest gain.
     #[test]
     fn rounds_are_not_too_small() {
         let mut adaptive = blocks(8 * 16, 8, 64);
@@ -422,7 +427,7 @@ mod tests {
         assert!(some.into_iter().eq((0..26 * 19).filter(of_blocks)));
     }
 
-    /// A block's samples are those of its pixels.
+    /// A pixel has the samples of its block.
     #[test]
     fn pixels_have_the_samples_of_their_block() {
         let mut adaptive = blocks(26, 9, 64);

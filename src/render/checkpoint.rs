@@ -30,7 +30,7 @@ pub(super) struct Header {
     pub samples: u32,
     /// Stage of indirect light (photons and gather rays); see `stages.rs`.
     pub stage: i32,
-    /// None before the first sample, and where no estimates tell the stage.
+    /// `None` before the first sample, and if estimates do not decide the stage.
     pub growth: Option<GrowthHeader>,
     pub blocks: Option<Blocks>,
     pub batches: u32,
@@ -41,11 +41,11 @@ pub(super) struct Header {
     pub totals: Totals,
     /// Number of photons that audits added to the map.
     pub added: usize,
-    /// Number of photons of audits since then; perhaps more than were kept.
+    /// Number of photons that audits found since then; perhaps more than were kept.
     pub left: u32,
 }
 
-/// [`Growth`](super::growth::Growth), but for the means, which are words.
+/// [`Growth`](super::growth::Growth) without its means, which are words of the checkpoint.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct GrowthHeader {
     pub samples: u32,
@@ -56,7 +56,7 @@ pub(super) struct GrowthHeader {
 #[derive(Clone)]
 pub struct Checkpoint {
     pub(super) header: Header,
-    /// The words of the planes, in the order of `Renderer::planes`, and then those of the map.
+    /// The words of the planes, in the order of `Renderer::planes`, followed by the words of the map.
     pub(super) words: Vec<u32>,
     /// The file that it was read from.
     pub(super) file: Option<PathBuf>,
@@ -118,7 +118,7 @@ impl Checkpoint {
         Ok(Checkpoint { header, words, file: Some(path.as_ref().to_owned()) })
     }
 
-    /// With the fingerprint of the renderer that made it.
+    /// Adds the fingerprint of the renderer that made the checkpoint.
     pub(super) fn signed(mut self, fingerprint: String) -> Checkpoint {
         self.header.fingerprint = fingerprint;
         self

@@ -20,7 +20,7 @@ const LONG_SHARE: f64 = 0.25;
 /// There is no warning if the maximum number of bounces is below this, which is a deliberate choice.
 const MANY_BOUNCES: u32 = 16;
 
-/// Something that the user should know, and what to do about it.
+/// A possible problem, and its remedy.
 pub(super) struct Warning {
     /// Key of the count in [`Conditioning`].
     pub name: &'static str,

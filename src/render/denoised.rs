@@ -42,7 +42,7 @@ impl Renderer<'_> {
         add_denoised(image, denoiser, self.gpu, &Film::of(self), [width, height], background)
     }
 
-    /// What denoisers take. Without denoisers there are no guides, and the variances are 0.
+    /// The input of denoisers. Without denoisers there are no guides, and the variances are 0.
     pub(super) fn noisy(&self) -> Result<Noisy> {
         let Crop { width, height, .. } = self.settings.image.part();
         noisy(&Film::of(self), [width, height])

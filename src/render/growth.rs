@@ -1,5 +1,6 @@
-//! How indirect light grows with the samples: when irradiance records get more gather rays. Their error and that of the
-//! samples are estimated, and counted rays tell what each has cost, so that the same render makes the same decisions.
+//! How indirect light grows with the samples: when irradiance records get more gather rays. The errors of records and
+//! samples are estimated, and their costs are measured by counted rays, so that the same render makes the same
+//! decisions.
 
 use super::denoise::RELMSE_FLOOR;
 
@@ -66,8 +67,8 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    /// Of independent samples, some of which were there before, the noise is that of the mean of all, less what
-    /// samples of a sequence have less.
+    /// The noise is that of the mean of all samples, earlier ones included, times AVOIDANCE: samples of a sequence have
+    /// less noise than the independent samples of this test.
     #[test]
     fn noise_is_that_of_all_samples() {
         let mut random = Random(1);
@@ -93,7 +94,7 @@ mod tests {
         assert!((error_of_rays(changes.into_iter(), 2.0) - 0.25).abs() < 1e-12);
     }
 
-    /// Of a mean of more and more numbers: what is left of its squared error follows from the change.
+    /// If a mean is taken over more numbers, the change predicts the squared error that is left.
     #[test]
     fn the_error_left_is_that_of_the_mean() {
         for (fewer, all) in [(16, 32), (16, 64), (8, 64)] {

@@ -1,5 +1,5 @@
-//! What a render knows of single pixels: the points that rays through their centres meet, and the cells that decide
-//! them. Looking at these changes no image.
+//! Queries about single pixels of a render: the points that rays through their centres hit, and the cells that decide
+//! them. They do not change the image.
 
 use super::photons::SurfacePoint;
 use super::renderer::Renderer;
@@ -11,8 +11,8 @@ use crate::light_transport::shared::Shared;
 use crate::passes::{Point, Tile};
 
 impl Renderer<'_> {
-    /// For each pixel the cell that decides the class of the point at its centre for a light; none if there are neither
-    /// fine cells nor a visibility map.
+    /// For each pixel, the cell that decides the class of the point at its centre for a light; `None` if there are
+    /// neither fine cells nor a visibility map.
     ///
     /// # Errors
     /// As [`kernel_kit::Gpu::read`], and those of a kernel that cannot be compiled.
@@ -35,7 +35,7 @@ impl Renderer<'_> {
         Ok(Some(cells))
     }
 
-    /// The point that the ray through the centre of a pixel lights; none where there is none.
+    /// The point that is shaded for the ray through the centre of a pixel; `None` if there is no such point.
     ///
     /// # Errors
     /// As [`kernel_kit::Gpu::read`].

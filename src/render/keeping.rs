@@ -17,12 +17,12 @@ pub(super) struct Keeping {
 }
 
 impl Keeping {
-    /// Without a state; the first is due.
+    /// Keeps no state yet, so the first is due.
     pub fn new() -> Keeping {
         Keeping { state: None, at: Instant::now(), cost: Duration::ZERO }
     }
 
-    /// With `state`, whose copy began at `start`.
+    /// Keeps `state`, whose copy began at `start`.
     pub fn of(state: Checkpoint, start: Instant) -> Keeping {
         Keeping { state: Some(state), at: Instant::now(), cost: start.elapsed() }
     }

@@ -66,7 +66,7 @@ impl Renderer<'_> {
         let kernels = Kernels::new(gpu, specialisation, &gpu_scene.constants(), &settings)?;
         gpu.compile_ahead(gpu_scene)?;
         let time_compile = start.elapsed().as_secs_f64();
-        // What the last view alone needs is released first.
+        // Data that only the last view needs is released first.
         let Lighting { visibility_map, indirect, .. } = mem::take(&mut self.lighting);
         self.tiles.clear();
         let has_map = self.specialisation.features.has(Feature::VisibilityMap);

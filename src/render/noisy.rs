@@ -1,5 +1,5 @@
-//! Sums of samples without noise: what denoisers take from them, and the channels of what they give, whether the
-//! samples are those of a render or of merged pieces.
+//! Sums of samples without noise: the input of denoisers, and the channels of their output, whether the samples are
+//! those of a render or of merged pieces.
 
 use glam::{DVec3, DVec4};
 use kernel_kit::Gpu;
@@ -44,7 +44,7 @@ pub(super) fn add_denoised(
     Ok(())
 }
 
-/// What denoisers take of an image of `size`.
+/// The input of denoisers for an image of `size`.
 pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
     let [albedo, normal, position] = [Quantity::GuideAlbedo, Quantity::GuideNormal, Quantity::GuidePosition]
         .map(|quantity| means(sums, quantity).map(Option::unwrap_or_default));
@@ -57,7 +57,7 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
         let Some(whole) = sums.sums(part)? else { continue };
         let squares = sums.sums(squares)?;
         if let Some(first) = sums.first_halves(part)? {
-            // A pixel without samples of a half tells nothing of the error: it counts as exact.
+            // A pixel without samples in one half does not show its error: it counts as exact.
             let mean = |part: Sum, whole: &Sum| if part.kept > 0.0 { part.mean() } else { whole.mean() };
             let both = first.par_iter().zip(&whole);
             let second = both.clone().map(|(part, whole)| colour(&mean(whole.without(part), whole)));
@@ -70,7 +70,7 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
         all.push(Part { mean, variance: variance.unwrap_or_else(|| vec![[0.0; 3]; whole.len()]) });
     }
     let [width, height] = size.map(|side| side as usize);
-    // Filters take one number: with adaptive sampling that of the pixels which know least.
+    // Filters take one number of samples: with adaptive sampling, that of the pixels with the fewest.
     let fewest = (0..width * height).map(samples).min().unwrap_or(0);
     let in_half = if fewest > 1 { first_half(fewest) } else { fewest };
     let half_samples = [in_half, fewest - in_half];
@@ -87,7 +87,7 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
 
 /// The guides by the means of what pass `primary` wrote.
 fn guides_of(size: [u32; 2], [albedo, normal, position]: [&[DVec4]; 3]) -> Guides {
-    // Without what passes by: w is the share of samples that met a surface.
+    // The mean over the samples that hit a surface; w is their share.
     let met = |p: DVec4| if p.w > 0.0 { p.truncate() / p.w } else { DVec3::ZERO };
     let seen = |i: usize| Seen {
         choosing: albedo[i].w,

@@ -42,7 +42,7 @@ impl Renderer<'_> {
         Ok(self.without_earlier_renders(self.gpu.pass_times()?))
     }
 
-    /// Of the pass times of the device, those of this render.
+    /// The pass times of this render: those of the device minus those of earlier renders.
     pub(super) fn without_earlier_renders(&self, mut passes: BTreeMap<String, f64>) -> BTreeMap<String, f64> {
         passes.retain(|name, seconds| {
             *seconds -= self.earlier_pass_times.get(name).unwrap_or(&0.0);
@@ -77,7 +77,7 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
 /// The sums of samples, on the device or kept.
 pub(super) struct Film<'a> {
     renderer: &'a Renderer<'a>,
-    /// Those in a checkpoint, if they are not on the device.
+    /// The sums in a checkpoint, if they are not on the device.
     kept: Option<Kept<'a>>,
 }
 
@@ -154,7 +154,7 @@ impl<'a> Film<'a> {
         }
     }
 
-    /// Those of a piece.
+    /// The sums of a piece.
     fn piece_sums(&self) -> Option<&PieceSums> {
         match &self.kept {
             Some(kept) => kept.piece_sums.as_ref(),
@@ -162,8 +162,8 @@ impl<'a> Film<'a> {
         }
     }
 
-    /// The sums of a plane over the whole image, by the number of samples of each pixel; none if the tiles have no such
-    /// plane.
+    /// The sums of a plane over the whole image; `samples` returns the number of samples of a pixel. `None` if the
+    /// tiles have no such plane.
     pub fn plane_sums(
         &self,
         pick: &dyn Fn(&TileFilm) -> Option<&Plane>,
@@ -177,7 +177,7 @@ impl<'a> Film<'a> {
         Ok(Some(all))
     }
 
-    /// The means of a plane over the whole image; none if the tiles have no such plane.
+    /// The means of a plane over the whole image; `None` if the tiles have no such plane.
     pub fn means(&self, pick: &dyn Fn(&TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
         let sums = self.plane_sums(pick, &|pixel| self.renderer.samples_of(pixel))?;
         Ok(sums.map(|sums| sums.iter().map(Sum::mean).collect()))

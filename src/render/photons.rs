@@ -51,7 +51,7 @@ impl NearestPhotons {
 }
 
 impl Renderer<'_> {
-    /// The photons of the visibility map, in any order; none for techniques without one.
+    /// The photons of the visibility map, in any order; empty for techniques without a map.
     ///
     /// # Errors
     /// As [`kernel_kit::Gpu::read`].
@@ -66,7 +66,7 @@ impl Renderer<'_> {
         Ok(photons.collect())
     }
 
-    /// The nearest of these `photons` to a point, those that decide its class for a light; none without a map.
+    /// The nearest of these `photons` to a point, which decide its class for a light; `None` without a map.
     pub fn nearest_photons(
         &self,
         photons: &[VisibilityPhoton],

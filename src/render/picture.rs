@@ -1,4 +1,4 @@
-//! What sums of samples show: the channels of an image, whether the samples are those of a render or of merged pieces.
+//! The channels of an image from sums of samples, whether the samples are those of a render or of merged pieces.
 
 use glam::{DVec3, DVec4};
 use rayon::prelude::*;
@@ -69,11 +69,11 @@ impl Quantity {
 
 /// The sums of the samples of an image.
 pub(super) trait Sums {
-    /// The sums of each pixel; none if the quantity was not requested.
+    /// The sums of each pixel; `None` if the quantity was not requested.
     fn sums(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>>;
 
-    /// Those of the first half of each pixel's samples (`tiles::first_half`), of direct or indirect light; none if they
-    /// were not kept.
+    /// The sums of the first half of each pixel's samples (`tiles::first_half`), of direct or indirect light; `None` if
+    /// they were not kept.
     fn first_halves(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>>;
 
     /// The number of samples of a pixel.
@@ -171,8 +171,8 @@ fn normals(sums: &dyn Sums) -> Result<Vec<DVec4>> {
     Ok(normals)
 }
 
-/// The share of each pixel's rays that hit a surface. It is w of `total` if the camera sees no environment; else there
-/// are sums of albedo, whose w it is.
+/// The share of each pixel's rays that hit a surface. If the camera sees no environment, it is w of `total`; otherwise
+/// it is w of the sums of albedo, which are then always present.
 fn surface_shares(sums: &dyn Sums, total: &[DVec4]) -> Result<Vec<f64>> {
     let albedo = means(sums, Quantity::Albedo)?;
     Ok(albedo.as_deref().unwrap_or(total).iter().map(|mean| mean.w).collect())

@@ -18,7 +18,7 @@ const MAX_LOSSES: u64 = 3;
 pub struct Failure {
     /// The reason.
     pub error: Error,
-    /// The state that was kept last; none before the first samples.
+    /// The state that was kept last; `None` before the first samples.
     pub salvage: Option<Box<Salvage>>,
 }
 

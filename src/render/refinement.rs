@@ -1,6 +1,6 @@
-//! What a render adds to indirect light as samples are added: in stages a new global map and more rays of the
-//! irradiance records, and a caustic map for every 8 samples. So the first image comes soon, and no error of the maps
-//! is left in a long render.
+//! How indirect light improves as samples are added: in stages, by a new global map and more rays of the irradiance
+//! records, and by a new caustic map for every 8 samples. So the first image comes early, and in a long render the
+//! errors of the maps vanish.
 
 use std::time::Instant;
 
@@ -25,19 +25,19 @@ use crate::statistics::Rays;
 pub(super) struct Step {
     /// The stage that it leads to.
     pub stage: i32,
-    /// Whether the error by gather rays is expected to remain larger than that by samples.
+    /// Whether the error due to gather rays is expected to remain larger than the error due to samples.
     pub leaves_more_error: bool,
 }
 
 impl Renderer<'_> {
-    /// The stage that the next sample needs, whatever the samples so far tell.
+    /// The stage that the next sample needs, whatever the estimates of errors are.
     pub(super) fn due_stage(&self) -> i32 {
         let has_map = self.lighting.indirect.as_ref().is_some_and(IndirectLight::has_map);
         let samples = self.settings.image.range().first + self.samples;
         if has_map { stage(&self.settings, samples, self.estimates_growth()) } else { self.stage }
     }
 
-    /// Whether estimates of errors tell when there are more gather rays.
+    /// Whether estimates of errors decide when gather rays are added.
     fn estimates_growth(&self) -> bool {
         let has_records = self.lighting.indirect.as_ref().is_some_and(IndirectLight::has_records);
         has_records && grows(&self.settings)
@@ -79,8 +79,8 @@ impl Renderer<'_> {
         (self.stage + if is_known { 2 } else { 1 }).min(LAST_STAGE)
     }
 
-    /// The next stage if it fits, else the one before it if that does. `error` and `noise` are the relMSE by gather
-    /// rays and by samples; without `error` nothing tells which is larger.
+    /// The next stage if it fits, else the one before it if that one fits. `error` and `noise` are the relMSE due to
+    /// gather rays and to samples. Without `error` it is unknown which is larger.
     fn next_that_fits(&self, fits: &mut dyn FnMut(&Self, Step) -> bool, error: Option<f64>, noise: f64) -> Option<i32> {
         let fits = |stage: &i32| {
             let leaves_more_error = error.is_some_and(|error| error > noise * self.factor_to(*stage));
@@ -94,10 +94,10 @@ impl Renderer<'_> {
         f64::from(stage - self.stage).exp2()
     }
 
-    /// Adds gather rays while the samples and rays so far tell that they gain more than samples.
+    /// Adds gather rays while they are estimated to reduce the error by more than samples would.
     fn grow(&mut self, fits: &mut dyn FnMut(&Self, Step) -> bool) -> Result<()> {
         let is_early = self.growth.as_ref().is_some_and(|growth| !growth.is_due(self.samples));
-        // What does not fit now may fit later, if there is more time. The noise is not known yet.
+        // If nothing fits even without noise, the decision waits: later there may be more time.
         let fits_if_no_noise = |growth: &Growth| self.next_that_fits(fits, growth.error, 0.0).is_some();
         if self.stage == LAST_STAGE || is_early || !self.growth.as_ref().is_none_or(fits_if_no_noise) {
             return Ok(());
@@ -112,7 +112,7 @@ impl Renderer<'_> {
             error = growth.error;
             while let Some(stage) = self.next_that_fits(fits, error, noise) {
                 let factor = self.factor_to(stage);
-                // Those of samples: photons may be those of another view.
+                // Only rays of samples count: the photons may have been traced for another view.
                 let Rays { gather, camera, shadow, audit, bounce, .. } = self.totals.rays();
                 let others = camera + shadow + audit + bounce;
                 if error.is_some_and(|error| !wants_rays(error, noise, gather, others, factor)) {

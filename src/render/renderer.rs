@@ -55,7 +55,7 @@ pub struct Renderer<'g> {
     pub(super) indirect_kernels: IndirectKernels,
     /// How many photons and gather rays there are so far; see `stages.rs`.
     pub(super) stage: i32,
-    /// What decides when records get more gather rays; `None` before the first sample.
+    /// The estimates that decide when records get more gather rays; `None` before the first sample.
     pub(super) growth: Option<Growth>,
     /// The global map of the first stage, for the next view. `None` while that map is in use, and before
     /// [`Renderer::look`] was called.
@@ -85,19 +85,19 @@ pub struct Renderer<'g> {
     pub(super) totals: Totals,
     /// Seconds of one sample of every pixel, by the last batch; `None` before the first batch.
     pub(super) seconds_per_sample: Option<f64>,
-    /// Seconds that the last decision took on which pixels get more samples, where they share them out.
+    /// Seconds of the last decision on which pixels get more samples, in adaptive sampling with a fixed budget.
     pub(super) seconds_to_share: Option<f64>,
     /// [`Gpu::pass_times`] before the render: those of earlier renders on this device.
     pub(super) earlier_pass_times: BTreeMap<String, f64>,
-    /// The sums of a piece; none of other renders, whose film has the sums.
+    /// The sums of a piece; `None` for other renders, whose sums are in the film.
     pub(super) piece_sums: Option<PieceSums>,
-    /// The state that is kept in case the device is lost; none if the caller does not want it.
+    /// The state that is kept in case the device is lost; `None` if the caller does not request this.
     pub(super) keeping: Option<Keeping>,
 }
 
 impl<'g> Renderer<'g> {
-    /// Prepares the first sample: builds the hierarchy, compiles kernels, uploads the scene, and runs the technique's
-    /// first pass.
+    /// Prepares the first sample: builds the BVH, compiles kernels, uploads the scene, and runs the technique's first
+    /// pass.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] for settings out of range, [`crate::Error::Buffer`] for what the device cannot hold, and
@@ -106,9 +106,9 @@ impl<'g> Renderer<'g> {
         Renderer::with_features(gpu, scene, camera, settings, &[])
     }
 
-    /// As [`Renderer::new`], with features switched on or off whatever the scene needs, to see what each costs.
-    /// Kernels, buffers and tables follow the switches, until a trial of photons ends without them (request photons),
-    /// or until it [looks](Renderer::look) a second time. Photons are made before the first sample.
+    /// Like [`Renderer::new`], with features switched on or off whatever the scene needs, to measure the cost of each.
+    /// Kernels, buffers and tables follow the switches until the trial of photons ends without them (to avoid this,
+    /// request photons), or until [`Renderer::look`] is called. Visibility photons are emitted before the first sample.
     ///
     /// # Errors
     /// Those of [`Renderer::new`], and [`crate::Error::Kernel`] for a feature that lacks what only a scene that needs
@@ -124,9 +124,9 @@ impl<'g> Renderer<'g> {
         Renderer::specialised(gpu, scene, camera, settings, settings.image.spp, forced)
     }
 
-    /// As [`Renderer::new`], but begins with a glance of `size`: see [`Renderer::glance`]. It has visibility photons
-    /// only if they are requested or shown, since a single sample traces few shadow rays. [`Renderer::look`] begins the
-    /// image.
+    /// Like [`Renderer::new`], but begins with a preview of `size`: see [`Renderer::glance`]. It has visibility photons
+    /// only if they are requested or shown, because a single sample traces few shadow rays. [`Renderer::look`] begins
+    /// the image.
     ///
     /// # Errors
     /// Those of [`Renderer::new`].
@@ -143,7 +143,7 @@ impl<'g> Renderer<'g> {
         Ok(renderer)
     }
 
-    /// What both prepare, with the kernels of a render of `spp` samples per pixel.
+    /// The common part of the constructors, with the kernels of a render of `spp` samples per pixel.
     fn specialised(
         gpu: &'g Gpu,
         mut scene: Scene,
@@ -231,8 +231,8 @@ impl<'g> Renderer<'g> {
         self.tiles.iter().flat_map(|tile| tile.planes().chain(&tile.classes))
     }
 
-    /// Samples per pixel so far, in the mean; of a piece, those that it has. With
-    /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) these are the samples of the pixels that have
+    /// Mean number of samples per pixel so far; for a piece, the number of its own samples. With
+    /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) it is the number of the pixels that have the
     /// most.
     pub fn samples(&self) -> u32 {
         self.samples
@@ -248,7 +248,7 @@ impl<'g> Renderer<'g> {
         self.gpu
     }
 
-    /// What the kernels contain, and what was left out.
+    /// The features of the kernels, and what was left out.
     pub fn specialisation(&self) -> &Specialisation {
         &self.specialisation
     }
@@ -259,7 +259,7 @@ impl<'g> Renderer<'g> {
     }
 }
 
-/// What a view is of.
+/// The inputs of a view.
 pub(super) struct ViewOf<'a> {
     pub gpu: &'a Gpu,
     pub scene: &'a Scene,
@@ -278,7 +278,7 @@ pub(super) struct PreparedView {
     pub buffers: TileBuffers,
     pub tiles: Vec<TileFilm>,
     pub tile_size: TileSize,
-    /// Of photons and gather rays.
+    /// The stage of photons and gather rays.
     pub stage: i32,
 }
 
@@ -317,7 +317,7 @@ impl ViewOf<'_> {
     }
 }
 
-/// Builds the hierarchy and puts the scene's triangles in its order.
+/// Builds the BVH and puts the scene's triangles in its order.
 fn build_hierarchy(scene: &mut Scene, totals: &mut Totals) -> Result<Bvh> {
     let start = Instant::now();
     let bvh = Bvh::of(scene)?;

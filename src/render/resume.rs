@@ -28,8 +28,8 @@ impl Renderer<'_> {
         self.checkpoint()?.write(path)
     }
 
-    /// As [`Renderer::checkpoint`], for a renderer of the same scene and settings: without the fingerprint, which takes
-    /// longer than everything else.
+    /// Like [`Renderer::checkpoint`], for a renderer of the same scene and settings: it has no fingerprint, because
+    /// computing that takes longer than everything else.
     pub(super) fn unsigned_checkpoint(&self) -> Result<Checkpoint> {
         let mut words = Vec::new();
         match &self.piece_sums {
@@ -63,7 +63,7 @@ impl Renderer<'_> {
         Ok(Checkpoint { header, words, file: None })
     }
 
-    /// As [`Renderer::resume_from`], with a file.
+    /// Like [`Renderer::resume_from`], from a file.
     ///
     /// # Errors
     /// Those of [`Checkpoint::read`] and [`Renderer::resume_from`].

@@ -14,9 +14,9 @@ pub(super) const LAST_STAGE: i32 = 4;
 /// share of the time however long the render is.
 const SAMPLES_OF_SETTINGS: f64 = 12.0;
 
-/// Whether indirect light may begin with few gather rays and grow. Not if the user requested numbers, which hold from
-/// the first sample on; not for a map that is shown, which fewer photons would blur; not in a piece, which has no
-/// preview; and not with `ImageSettings::noise`, where some pixels may get no samples after the first ones.
+/// Whether indirect light may begin with few gather rays and grow. It does not if the user requested numbers, which
+/// hold from the first sample; nor for a map that is shown, which fewer photons would blur; nor in a piece, which has
+/// no preview; nor with `ImageSettings::noise`, because some pixels may get no samples after the first ones.
 pub(super) fn grows(settings: &Settings) -> bool {
     let Settings { indirect, image, technique, .. } = settings;
     let requested = indirect.photons.is_some() || indirect.irradiance_cache.gather_rays.is_some();
@@ -36,7 +36,7 @@ pub(super) fn stage(settings: &Settings, samples: u32, is_estimated: bool) -> i3
 }
 
 /// The settings of a stage: the photons of its map, and the gather rays of a record in all stages so far. Stage 0 has
-/// those of the settings.
+/// the numbers of the settings.
 pub(super) fn settings_of_stage(settings: &Settings, stage: i32) -> Settings {
     let scaled = |number: u32, most: u32| {
         let scaled = f64::from(number) * 2f64.powi(stage);
@@ -54,8 +54,8 @@ pub(super) fn settings_of_stage(settings: &Settings, stage: i32) -> Settings {
 mod tests {
     use super::*;
 
-    /// Photons and gather rays double with the samples, from those of the settings on, and the first sample has a
-    /// sixteenth of them; or they are those of the first sample until estimates tell otherwise.
+    /// Without estimates, photons and gather rays start at the numbers of the settings and double with the samples; the
+    /// first sample has a sixteenth of them. With estimates, the minimum stays at the numbers of the first sample.
     #[test]
     fn rays_double_with_the_samples() {
         let plain = Settings::default();

@@ -24,7 +24,7 @@ pub(super) struct TileSize {
 }
 
 impl TileSize {
-    /// As many rows as fit, then as many samples as fit; `lights` is the number of the scene's lights.
+    /// A tile of as many rows as fit, and then of as many samples as fit; `lights` is the number of the scene's lights.
     ///
     /// # Errors
     /// [`Error::Usage`] if a row has more pairs of points and lights than fit.
@@ -56,9 +56,9 @@ pub(super) struct GuidePlanes {
     pub position: Plane,
 }
 
-/// What tells the error of a part of the light.
+/// The planes from which the error of a part of the light is estimated.
 pub(super) struct PartPlanes {
-    /// The sums when the number of samples was a power of two last, and the time before; see [`first_half`]. After 2^k
+    /// The sums at the last two powers of two that the number of samples reached; see [`first_half`]. After 2^k
     /// samples, snapshot k modulo 2 is taken.
     pub snapshots: [Plane; 2],
     /// For denoisers.
@@ -75,23 +75,24 @@ pub(super) struct TileFilm {
     pub albedo: Option<Plane>,
     pub normal: Option<Plane>,
     pub position: Option<Plane>,
-    /// What denoisers need, if they are requested.
+    /// The sums that denoisers need, if these are requested.
     pub guides: Option<GuidePlanes>,
-    /// Of direct and, if there is any, indirect light, if the error is to be estimated; none for a single sample.
+    /// The parts of direct and, if there is any, of indirect light, if the error is to be estimated; empty for a single
+    /// sample.
     pub parts: Vec<PartPlanes>,
     /// The classes of each light, if they are requested; see [`DirectLight::class_films`].
     pub classes: Vec<Plane>,
 }
 
-/// The number of samples of the first of two halves whose errors are compared: the largest power of two up to half of
-/// them. That many points of a Sobol sequence, from its first one on, are stratified, and so are the next ones.
+/// The number of samples in the first of two halves whose difference estimates the error: the largest power of two that
+/// is at most half of all. The first that many points of a Sobol sequence are stratified, and so are the next ones.
 /// `samples` is at least 2.
 pub(super) fn first_half(samples: u32) -> u32 {
     1 << (samples.ilog2() - 1)
 }
 
 impl GuidePlanes {
-    /// Empty planes; none if there are no guides.
+    /// Empty planes; `None` if there are no guides.
     fn new(buffers: &TileBuffers, plane: &dyn Fn(&Buffer) -> Result<Plane>) -> Result<Option<GuidePlanes>> {
         let Some(GuideSamples { albedo, normal, position, .. }) = &buffers.guides else { return Ok(None) };
         Ok(Some(GuidePlanes { albedo: plane(albedo)?, normal: plane(normal)?, position: plane(position)? }))
@@ -164,7 +165,7 @@ impl TileFilm {
         })
     }
 
-    /// All planes but those of classes.
+    /// All planes except those of classes.
     pub fn planes(&self) -> impl Iterator<Item = &Plane> {
         self.sample_planes().chain(self.parts.iter().flat_map(|part| &part.snapshots))
     }
@@ -194,7 +195,7 @@ impl TileFilm {
         }
     }
 
-    /// Keeps the sums of the tile's pixels, which have `samples` samples, if that is a power of two.
+    /// Keeps the sums of the tile's pixels if `samples`, their number of samples, is a power of two.
     pub fn take_snapshot(&self, frame: &mut Frame<'_>, tile: &Tile, samples: u32) {
         if samples.is_power_of_two() {
             self.parts.iter().for_each(|part| part.snapshots[samples.ilog2() as usize % 2].record(frame, tile));
@@ -226,7 +227,7 @@ impl TileFilm {
         self.first_row..self.first_row + self.rows
     }
 
-    /// The tile for `layers` samples of each of `pixel_count` pixels, the first of which is number `first_sample`.
+    /// The tile for `layers` samples of each of `pixel_count` pixels. Its first sample is number `first_sample`.
     pub fn tile(&self, settings: &Settings, pixel_count: u32, first_sample: u32, layers: u32) -> Tile {
         let image = &settings.image;
         let part = image.part();
@@ -252,7 +253,7 @@ mod tests {
     use super::*;
     use crate::settings::{Crop, Technique};
 
-    /// A row whose points and lights would overflow a counter is refused, and a part of it that does not is not.
+    /// A row whose points and lights would overflow a counter is refused; a part of it that fits is accepted.
     #[test]
     fn rows_of_too_many_light_points_are_refused() {
         let size = |technique: Technique, width: u32| {
@@ -261,7 +262,7 @@ mod tests {
             let settings = settings.with(|s| s.image.crop = Some(Crop { x: 0, y: 0, width, height: 16 }));
             TileSize::new(&Features::default(), 2048, &settings)
         };
-        // Of 2^21 light points a point, 2,047 points have less than 2^32.
+        // With 2^21 light points per point, 2,047 points have fewer than 2^32.
         assert_eq!(size(Technique::TWO_PASS, 2047).unwrap().rows, 1);
         let problem = size(Technique::TWO_PASS, 2048).err().unwrap().to_string();
         let told = ["2048 lights", "2047 at most", "`image.crop`", "`shadow_rays.samples`"];

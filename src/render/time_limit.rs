@@ -15,9 +15,9 @@ const REFINEMENT_SHARE: f64 = 0.5;
 /// The last quarter is kept for steps that take longer than expected.
 const DOMINANT_SHARE: f64 = 0.75;
 
-/// This many times the samples for which photons pay off must still fit, because composing their kernels takes part of
-/// the time. Without this margin `scenes/box.glb` had 1.6 times the error of `two-pass` after a second; with it, 1.1
-/// times (docs/decisions.md, "Photons where the time allows").
+/// For photons to be emitted, this multiple of the samples for which they pay off must still fit, because composing
+/// their kernels takes part of the time. Without this margin `scenes/box.glb` had 1.6 times the error of `two-pass`
+/// after a second; with it, 1.1 times (docs/decisions.md, "Photons where the time allows").
 const MARGIN_FOR_KERNELS: u32 = 2;
 
 /// Expected time of a sample whose pixels are chosen by adaptive sampling, over that of one sample of all pixels, until
@@ -25,31 +25,32 @@ const MARGIN_FOR_KERNELS: u32 = 2;
 /// "Samples shared out"). The first decision on pixels takes about as long as a sample of all pixels.
 const SHARED_SAMPLE: f64 = 2.0;
 
-/// What samples are expected to take.
+/// Expected times of samples.
 #[derive(Clone, Copy)]
 struct Expected {
     /// Seconds before the next one: to decide which pixels get it.
     before: f64,
-    /// Seconds of each, of all pixels.
+    /// Seconds of each sample of all pixels.
     sample: f64,
 }
 
 impl Expected {
-    /// Seconds of that many samples.
+    /// Expected seconds of `samples` samples.
     fn of(self, samples: u32) -> f64 {
         self.before + self.sample * f64::from(samples)
     }
 
-    /// How many samples fit so many seconds.
+    /// How many samples fit `seconds`.
     fn fitting(self, seconds: f64) -> u32 {
         ((seconds - self.before) / self.sample) as u32
     }
 }
 
 impl Renderer<'_> {
-    /// As [`Renderer::render_batch`], with what is expected to end within `seconds` by the time that earlier batches
-    /// took: fewer samples, and better indirect light only where it leaves time for samples that gain from it; so the
-    /// bits depend on the time. None if not even one sample fits; the first one is always rendered.
+    /// Like [`Renderer::render_batch`], limited to steps that are expected to end within `seconds`, by the times of
+    /// earlier batches: fewer samples, and better indirect light only if it leaves time for samples that benefit from
+    /// it. So the bits depend on the time. Returns `None` if not even one sample fits; the first one is always
+    /// rendered.
     ///
     /// # Errors
     /// As [`Renderer::render_batch`].
@@ -69,9 +70,9 @@ impl Renderer<'_> {
         self.add_samples(limit, spp).map(Some)
     }
 
-    /// As [`Renderer::render_batch`], if all of the batch and of the indirect light that is due is expected to end
-    /// within `seconds`; none if not. So an image of any number of samples has the bits that it has without a limit.
-    /// The first batch of a process is always rendered.
+    /// Like [`Renderer::render_batch`], if the whole batch and the indirect light that is due are expected to end
+    /// within `seconds`; otherwise returns `None`. So an image of a given number of samples has the same bits as
+    /// without a limit. The first batch of a process is always rendered.
     ///
     /// # Errors
     /// As [`Renderer::render_batch`].
@@ -86,7 +87,7 @@ impl Renderer<'_> {
     }
 
     /// Whether one more sample is expected to end within `seconds`; the first one always has time. If only the decision
-    /// on which pixels get it does not fit, it is left out: each pixel gets as many more as it has.
+    /// on which pixels get it does not fit, the decision is left out: each pixel doubles its samples.
     fn fit_sample(&mut self, seconds: f64) -> bool {
         if self.expected().is_none_or(|expected| expected.of(1) <= seconds) {
             return true;
@@ -98,7 +99,7 @@ impl Renderer<'_> {
         fits_alone
     }
 
-    /// What the next samples are expected to take; none before the first batch.
+    /// Expected times of the next samples; `None` before the first batch.
     fn expected(&self) -> Option<Expected> {
         let sample = self.seconds_of_sample()?;
         Some(match self.seconds_to_share {
@@ -118,7 +119,7 @@ impl Renderer<'_> {
         })
     }
 
-    /// Expected seconds to go on to a stage.
+    /// Expected seconds to advance to a stage.
     fn seconds_to(&self, stage: i32) -> f64 {
         let rays = |stage: i32| settings_of_stage(&self.settings, stage).gather_rays();
         let rays = rays(stage) - rays(self.stage);

@@ -37,9 +37,9 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// What compiles the kernels of photons, if these may be made after the first sample, for a device that keeps
-    /// kernels ([`keep_kernels`](Gpu::keep_kernels)). Called on another thread while the first sample is rendered, it
-    /// spares later ones the wait. Its errors are those of [`kernel_kit::Kernel::new`].
+    /// A function that compiles the kernels of photons, if these may be emitted after the first sample, for a device
+    /// that keeps kernels ([`keep_kernels`](Gpu::keep_kernels)). Called on another thread while the first sample is
+    /// rendered, it saves later samples the wait. Its errors are those of [`kernel_kit::Kernel::new`].
     pub fn later_kernels(&self) -> Option<impl FnOnce(&Gpu) -> Result<()> + Send + use<>> {
         let features = self.with_photons.as_ref()?.features.clone();
         let (constants, settings) = (self.gpu_scene.constants(), self.settings.clone());
@@ -71,7 +71,7 @@ impl Renderer<'_> {
             lighting: mem::take(&mut self.lighting),
         };
         let bytes = first_pass.lighting.frame_bytes();
-        // Old and new buffers need not fit beside each other.
+        // The old buffers are dropped first, so that the device need not hold both.
         first_pass.lighting.direct = None;
         let steps = [FirstPass::make_visibility_map, FirstPass::make_fine_cells, FirstPass::make_direct_light];
         let made = steps.into_iter().try_for_each(|step| step(&mut first_pass));
@@ -82,7 +82,7 @@ impl Renderer<'_> {
         self.totals.frame_bytes += self.lighting.frame_bytes().saturating_sub(bytes);
         self.totals.time_render += start.elapsed().as_secs_f64();
         (self.specialisation, self.with_photons) = (specialisation, None);
-        // Nothing tells yet how many points photons leave to shadow rays.
+        // It is not known yet how many points photons leave to shadow rays.
         self.shade_at_once = false;
         Ok(())
     }

@@ -4,9 +4,8 @@ use super::renderer::Renderer;
 use crate::Image;
 
 impl Renderer<'_> {
-    /// What the user should know of `image`, an image of this render, if it shows nothing of the scene. There is no
-    /// note if the scene is empty or has no light, which import notes, nor for a part of an image, which may well be
-    /// empty.
+    /// A note if `image`, an image of this render, shows nothing of the scene. There is no note for an empty scene or
+    /// one without light, which import notes, nor for a part of an image, which may well be empty.
     pub fn note_on(&self, image: &Image) -> Option<String> {
         let is_zero = |name: &str| image.channel(name).is_some_and(|samples| samples.iter().all(|x| *x == 0.0));
         let Renderer { scene, camera, settings, .. } = self;

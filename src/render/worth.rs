@@ -9,35 +9,36 @@ use crate::specialisation::visibility::{SAMPLES_OF_MAP, SHADOW_RAYS_OF_MAP};
 use crate::statistics::totals::Totals;
 use crate::statistics::{Counter, Points};
 
-/// Share of shadow rays that start at penumbra points, from which on no photons are emitted. Such points, and those
-/// around them, trace shadow rays in any case. The share was 0.13 to 0.39 in one scene and five models where 64 samples
-/// with photons took 0.97 to 1.4 times as long as with `two-pass`, and 0 to 0.09 in all others that were measured
-/// (docs/decisions.md).
+/// Maximum share of shadow rays that start at penumbra points: above it, no photons are emitted. Such points, and the
+/// points around them, trace shadow rays in any case. The share was 0.13 to 0.39 in one scene and five models where 64
+/// samples with photons took 0.97 to 1.4 times as long as with `two-pass`, and 0 to 0.09 in all others that were
+/// measured (docs/decisions.md).
 const MAX_PENUMBRAE: f64 = 0.11;
 
 /// Samples per pixel after which photons must be expected to decide [`MIN_DECIDED`] of the points. The shadow rays of
 /// three samples have classified the fine cells by then.
 pub(super) const TRIAL_SAMPLES: u32 = 8;
 
-/// Share of points that photons must be expected to decide, else all shadow rays are traced from then on: scenes with
-/// few penumbrae may have boundaries everywhere. 64 samples took 0.4 to 1.1 times as long as those of `two-pass` with a
-/// larger share, and 0.97 to 1.4 times with a smaller one (docs/decisions.md).
+/// Share of points that photons must be expected to decide; below it, all shadow rays are traced from then on. Scenes
+/// with few penumbrae may still have boundaries everywhere. 64 samples took 0.4 to 1.1 times as long as with `two-pass`
+/// if the share was larger, and 0.97 to 1.4 times if it was smaller (docs/decisions.md).
 const MIN_DECIDED: f64 = 0.6;
 
-/// As [`MIN_DECIDED`], where pixels share samples out: those in penumbrae get most of them, whatever photons decide
-/// elsewhere. 64 samples took 0.65 to 1.02 times as long with photons as without where the share was 0.46 or more, and
-/// 1.05 times where it was 0.21 (docs/decisions.md, "Samples shared out").
+/// Like [`MIN_DECIDED`], for adaptive sampling with a fixed budget: pixels in penumbrae get most of the samples,
+/// whatever photons decide elsewhere. 64 samples took 0.65 to 1.02 times as long with photons as without if the share
+/// was 0.46 or more, and 1.05 times if it was 0.21 (docs/decisions.md, "Samples shared out").
 const MIN_DECIDED_OF_SHARED: f64 = 0.4;
 
-/// The share grows further, as fine cells are divided: in 16 scenes and models that of 64 samples was close to that of
-/// the trial's last samples with this part of its growth since the samples before (docs/decisions.md).
+/// Part of the latest growth of the share by which it will grow further, as fine cells are divided. In 16 scenes and
+/// models, the share of the last samples of the trial plus this part of its growth since the samples before was close
+/// to the share of 64 samples (docs/decisions.md).
 const FURTHER_GROWTH: f64 = 0.5;
 
-/// Why photons would cost more than the shadow rays that they save; `None` if they are worth a trial. `totals` are
-/// those of the first `samples` samples (at least one), all of which traced all shadow rays, in a render of `spp`
-/// samples.
+/// Why photons would cost more than the shadow rays that they save; `None` if they are worth a trial. `totals` are the
+/// totals of the first `samples` samples, at least one, each of which traced all shadow rays. The render will have
+/// `spp` samples.
 pub(super) fn problem_of_photons(totals: &Totals, samples: u32, spp: u32) -> Option<&'static str> {
-    // The render from the last of these samples on, as if that were its first.
+    // The render that remains, counted from the last of these samples.
     let spp = spp.saturating_sub(samples - 1);
     let traced = totals.get(Counter::ShadowRays) as f64;
     if traced / f64::from(samples) * f64::from(spp) < SHADOW_RAYS_OF_MAP || spp < SAMPLES_OF_MAP {

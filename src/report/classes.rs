@@ -11,7 +11,7 @@ use crate::settings::{Aov, Settings, Technique};
 use crate::specialisation::features::Feature;
 use crate::{Error, Image, Result};
 
-/// Points on each light whose shadow rays give the true visibility of a point.
+/// Points on each light; their shadow rays measure the true visibility of a point.
 const LIGHT_POINTS: u32 = 256;
 
 /// Maximum number of pixels times lights: true visibility of more points would take more than 10^9 rays.
@@ -106,7 +106,7 @@ impl Classes {
             return Ok(None);
         }
         let mut counts = [Confusion::default(); CODES];
-        // Of |V - c|.
+        // Sums of |V - c|.
         let (mut sum, mut squares) = (0.0, 0.0);
         let mut map = vec![0; image.pixels()];
         let classes = image.channels.iter().filter_map(|channel| Some((channel, channel.name.strip_suffix(".class")?)));
@@ -138,7 +138,7 @@ impl Classes {
         let missed = lit.hidden + lit.penumbra + shadowed.penumbra + shadowed.visible;
         let n = points.max(1) as f64;
         let mean = sum / n;
-        // The mean of so many points is normally distributed: 97.5 % quantile.
+        // The mean over this many points is normally distributed: 97.5 % quantile.
         let half = 1.959_964 * ((squares / n - mean * mean).max(0.0) / n).sqrt();
         Ok(Some(Classes {
             technique,

@@ -72,7 +72,7 @@ pub struct ReferenceReport {
 pub struct EntrantReport {
     /// The name.
     pub entrant: Entrant,
-    /// The denoisers of which its images are made; empty for raw images.
+    /// The denoisers that filtered its images; empty for raw images.
     pub denoisers: Vec<&'static str>,
     /// The settings of the first run.
     pub settings: Settings,
@@ -124,8 +124,8 @@ pub struct SnapshotReport {
     pub rmse: Interval,
     /// See [`relmse`](super::metrics::relmse).
     pub relmse: Interval,
-    /// The relMSE that the denoiser expects, as it knows no reference. `None` without a denoiser, and where an image is
-    /// of a single sample.
+    /// The relMSE that the denoiser estimates without a reference. `None` without a denoiser, and for images of a
+    /// single sample.
     pub estimate: Option<Interval>,
     /// `estimate` over the measured relMSE without the reference's own. `None` where that is not well above it.
     pub estimate_ratio: Option<Interval>,
@@ -154,11 +154,11 @@ pub struct ComparisonReport {
     pub entrant: Entrant,
     /// The time in seconds at which errors are compared.
     pub time: f64,
-    /// relMSE over that of `two-pass` at that time.
+    /// relMSE over the relMSE of `two-pass` at that time.
     pub error_ratio: Option<Interval>,
     /// The relMSE at which times are compared.
     pub relmse: f64,
-    /// Time to that relMSE over that of `two-pass`.
+    /// Time to reach that relMSE over the time of `two-pass`.
     pub time_ratio: Option<Interval>,
 }
 
@@ -199,7 +199,7 @@ pub struct Row {
     pub(super) seed: u32,
     pub(super) budget: f64,
     pub(super) technique: Technique,
-    /// Of `auto`: the best other entrant at this budget, and the relMSE over that of its run with the same seed.
+    /// For `auto`: the best other entrant at this budget, and the relMSE over that of its run with the same seed.
     pub(super) best: Option<(Entrant, f64)>,
     pub(super) time: f64,
     /// The part of `time` in which the noise was removed.

@@ -6,13 +6,13 @@ use serde::{Serialize, Serializer};
 
 use crate::settings::{Denoise, Settings, Technique};
 
-/// A technique or `auto`, and what removes the noise of its images. Its name is that of the technique, and with a
-/// denoiser `TECHNIQUE+DENOISER`.
+/// A technique or `auto`, and the denoiser of its images. Its name is that of the technique; with a denoiser,
+/// `TECHNIQUE+DENOISER`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Entrant {
     /// How light is computed. `None` for `auto`, which chooses a technique for each budget.
     pub technique: Option<Technique>,
-    /// What removes the noise.
+    /// The denoiser.
     pub denoise: Denoise,
 }
 

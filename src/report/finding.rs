@@ -36,9 +36,9 @@ pub struct Finding {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FindingKind {
-    /// The image stays wrong however long it renders, as far as the budgets tell.
+    /// The image stays wrong however long it renders, as far as the budgets show.
     Bias,
-    /// The image is wrong in the same way in every run, and less so the longer it renders, as those of denoisers are.
+    /// The image is wrong in the same way in every run, but less so the longer it renders, as with denoisers.
     FallingBias,
     /// The error decreases with time.
     Noise,
@@ -65,7 +65,7 @@ impl ErrorParts<'_> {
         self.earlier_bias.is_some_and(|earlier| MIN_FALL * self.bias.high < earlier.low)
     }
 
-    /// The kind of a bias, and what the budgets tell of its future.
+    /// The kind of a bias, and a text on how it develops over the budgets.
     fn trend(&self) -> (FindingKind, &'static str) {
         match self.earlier_bias {
             Some(_) if self.bias_falls() => (FindingKind::FallingBias, "; the bias falls with time"),

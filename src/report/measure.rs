@@ -93,7 +93,7 @@ impl MeasuredEntrant {
             let own = rows.iter().filter(|row| row.is_of(run));
             Curve::new(own.map(|row| (time(row), row.relmse)))
         };
-        // The slope is that of sampling, so set-up and denoiser do not count.
+        // Only sampling determines the slope, so set-up and denoiser do not count.
         let slope = |run: &&Run| curve(run, &|row| row.time - row.denoise - run.setup).slope();
         // The images of `auto` are of several renders, each with a set-up of its own.
         let slopes = (!entrant.is_automatic()).then(|| runs.iter().map(slope).collect()).flatten();

@@ -46,7 +46,7 @@ struct Denoised {
     /// Indices of views.
     denoised: usize,
     raw: usize,
-    /// The estimated standard error of each pixel, as the values of views; none if it is not known.
+    /// The estimated standard error of each pixel, encoded as the values of the views; `None` if it is not known.
     error: Option<String>,
 }
 

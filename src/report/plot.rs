@@ -112,7 +112,7 @@ pub fn sweep(sweep: &Sweep) -> Result<String> {
     draw(&format!("sweep-{setting}.svg"), SIZE, |area| logarithmic(area, &series, [setting, ""], Some(law), None))
 }
 
-/// What a setting saves in rays and in time, and at what accuracy: with fine cells, and by photons alone.
+/// How many rays and how much time a setting saves, and at what accuracy: with fine cells, and by photons alone.
 ///
 /// # Errors
 /// As [`error_over_time`].
@@ -314,7 +314,7 @@ impl Bar {
 struct Series {
     name: String,
     colour: RGBColor,
-    /// Pixels of its dashes and of the gaps between them; none if it is drawn through.
+    /// Pixels of its dashes and of the gaps between them; `None` for a continuous line.
     dash: Option<[i32; 2]>,
     /// x, and y with its interval, drawn as a band.
     points: Vec<(f64, Interval)>,
@@ -431,8 +431,8 @@ fn logarithmic(
 
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Logarithmic, Logarithmic>>;
 
-/// The ranges of both axes: of all values, dashed ones and intervals, of which at most a factor of 2 below the
-/// value counts.
+/// The ranges of both axes over all values and intervals, those of dashed lines included. Of an interval, at most a
+/// factor of 2 below its value counts.
 fn ranges(series: &[Series], level: Option<Level>) -> [Range<f64>; 2] {
     let points = || series.iter().flat_map(|series| &series.points);
     let dashed = series.iter().flat_map(|series| &series.dashed).map(|(_, y)| *y);

@@ -27,7 +27,7 @@ pub struct Subject<'a> {
     pub camera: &'a Camera,
     /// Settings of all renders, except for technique, denoiser, seed and samples.
     pub settings: &'a Settings,
-    /// How many times as long as expected first samples take on this machine: 1 where nothing is known.
+    /// Time of first samples on this machine over the expected time; 1 if nothing is known.
     pub slowness: f64,
 }
 
@@ -45,7 +45,7 @@ impl<'a> Subject<'a> {
 pub struct Run {
     /// Whether the technique was chosen for each budget, and the image rendered anew.
     pub is_automatic: bool,
-    /// The settings of this run; with a choice for each budget those of the last.
+    /// The settings of this run. If there is a choice at each budget, they are those of the last one.
     pub settings: Settings,
     /// Seconds until the first sample: BVH, compilation, upload of the scene, photons and their grid.
     pub setup: f64,
@@ -54,8 +54,8 @@ pub struct Run {
     pub first: Option<f64>,
     /// The image at each budget that added samples.
     pub snapshots: Vec<Snapshot>,
-    /// The image of the last snapshot before its noise was removed: the channels `R`, `G`, `B` and, if it is known,
-    /// `error`, the estimated standard error of what was made of it. `None` without a denoiser.
+    /// The image of the last snapshot before denoising: the channels `R`, `G`, `B` and, if it is known, `error`, the
+    /// estimated standard error of the denoised image. `None` without a denoiser.
     pub noisy: Option<Image>,
     /// The names of the denoisers.
     pub denoisers: Vec<&'static str>,
@@ -108,7 +108,8 @@ pub struct Starter {
 }
 
 impl Starter {
-    /// A technique, or `None` for a choice at each budget, whose images `denoiser` filters, if it holds any filter.
+    /// A starter for a technique, or for a choice at each budget if it is `None`. `denoiser` filters the images, if it
+    /// holds any filter.
     pub fn new(technique: impl Into<Option<Technique>>, denoiser: Denoiser) -> Starter {
         Starter { technique: technique.into(), denoiser, warm_up: 0.0, denoise: 0.0 }
     }
@@ -120,8 +121,8 @@ impl Starter {
 
     /// Takes two untimed samples, and removes the noise of their image three times.
     ///
-    /// The driver compiles every kernel on first use and caches it. That can take many times as long as later runs and
-    /// says nothing about the entrant. If the first sample takes longer than the longest of the `budgets` (seconds,
+    /// The driver compiles every kernel on first use and caches it. That can take many times as long as later runs, and
+    /// is no property of the entrant. If the first sample takes longer than the longest of the `budgets` (seconds,
     /// ascending), the second is skipped: no timed run will have an image in time. `auto` does so with each technique
     /// that it takes.
     ///
@@ -131,7 +132,7 @@ impl Starter {
         let start = Instant::now();
         let longest = budgets.last().copied().unwrap_or(0.0);
         let mut warm = Vec::new();
-        // The choice for the longest budget comes again, as the time of the denoiser is known only then.
+        // The choice for the longest budget is repeated at the end, when the time of the denoiser is known.
         for &budget in budgets.iter().rev().chain(budgets.last()) {
             let settings = self.settings(subject, subject.settings.image.seed, budget - self.denoise);
             if !warm.contains(&settings.technique) {
@@ -167,7 +168,8 @@ impl Starter {
         Ok(())
     }
 
-    /// The settings for an image whose samples are to end `within` so many seconds, on which a choice depends.
+    /// The settings for an image whose samples must end within `within` seconds, which a choice of technique depends
+    /// on.
     fn settings(&self, subject: &Subject<'_>, seed: u32, within: f64) -> Settings {
         let Subject { gpu, scene, camera, settings, slowness } = *subject;
         let settings = settings.clone().with(|s| {
@@ -203,7 +205,7 @@ impl Run {
         let mut timed = start(budgets.first().copied().unwrap_or(0.0) - denoise)?;
         let mut snapshots: Vec<Snapshot> = Vec::new();
         let mut noisy = None;
-        // Of the renders for earlier budgets.
+        // Times of the renders for earlier budgets.
         let (mut spent, mut first) = (0.0, None);
         for (index, &budget) in budgets.iter().enumerate() {
             if is_automatic && index > 0 {
@@ -248,7 +250,7 @@ impl Run {
         }))
     }
 
-    /// What ran.
+    /// The entrant that ran.
     pub fn entrant(&self) -> Entrant {
         let Entrant { technique, denoise } = Entrant::of(&self.settings);
         Entrant { technique: technique.filter(|_| !self.is_automatic), denoise }
@@ -270,7 +272,7 @@ struct TimedRender<'a> {
 }
 
 impl<'a> TimedRender<'a> {
-    /// For samples that are to end `within` so many seconds.
+    /// Starts a render whose samples must end within `within` seconds.
     fn start(subject: &Subject<'a>, starter: &Starter, seed: u32, within: f64) -> Result<TimedRender<'a>> {
         let gpu = subject.gpu;
         // The clone is not part of the time.

@@ -134,13 +134,13 @@ pub struct SweepPoint {
     pub fill: Interval,
     /// See [`Classes`].
     pub miss: Interval,
-    /// `shadow-photons` whose photons alone decide.
+    /// `shadow-photons` without fine cells, so that photons alone decide.
     pub photons_alone: Savings,
     /// `shadow-photons` with fine cells.
     pub fine_cells: Savings,
 }
 
-/// A render of `shadow-photons` with 64 samples per pixel, beside one of `two-pass`.
+/// A render of `shadow-photons` with 64 samples per pixel, compared with one of `two-pass`.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Savings {
     /// relMSE.
@@ -155,7 +155,7 @@ pub struct Savings {
     pub fill_seen: f64,
     /// See [`Audits::miss_bias`](crate::statistics::Audits::miss_bias).
     pub miss_bias: Interval,
-    /// Render time over that of `two-pass`, both medians of renders in turn.
+    /// Render time over the render time of `two-pass`; both are medians of renders in turn.
     pub time: f64,
 }
 

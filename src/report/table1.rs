@@ -184,7 +184,7 @@ impl Comparison {
         Ok(Comparison { scene, renders, relmse, relmse_direct })
     }
 
-    /// relMSE of direct light against that of `path`, for the other three of [`TECHNIQUES`].
+    /// relMSE of direct light against `path`, for the other three of [`TECHNIQUES`].
     pub fn relmse_direct(&self) -> [f64; 3] {
         self.relmse_direct
     }

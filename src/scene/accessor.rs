@@ -15,7 +15,7 @@ const MIN_ZERO_FILLED_LIMIT: usize = 1 << 12;
 
 /// A buffer view: a byte range of a buffer.
 struct View<'a> {
-    /// None if the buffer has no data in this file. An extension may supply it.
+    /// `None` if the buffer has no data in this file. An extension may supply it.
     bytes: Option<&'a [u8]>,
     length: usize,
     stride: Option<usize>,
@@ -119,7 +119,7 @@ pub(super) struct Accessor<'a> {
     pub width: usize,
     /// Integers represent [0, 1] or [-1, 1].
     pub normalised: bool,
-    /// None if all elements are zero before [`Accessor::sparse`] is applied.
+    /// `None` if all elements are zero before [`Accessor::sparse`] is applied.
     elements: Option<Elements<'a>>,
     sparse: Option<Sparse<'a>>,
     /// The reason why a legal accessor cannot be read.
@@ -133,7 +133,7 @@ impl Accessor<'_> {
         self.json.error(problem)
     }
 
-    /// The bytes from the start of element `index`. None if all of its bytes are zero.
+    /// The bytes from the start of element `index`. `None` if all of its bytes are zero.
     fn element(&self, index: usize) -> Option<&[u8]> {
         let replaced = self.sparse.as_ref().and_then(|sparse| sparse.get(index));
         replaced.or_else(|| self.elements.map(|elements| elements.get(index)))
@@ -196,7 +196,7 @@ impl Accessor<'_> {
 /// A buffer.
 pub(super) struct Buffer<'a> {
     length: usize,
-    /// At least `length` bytes. None if the file has no data for the buffer; an extension may supply it.
+    /// At least `length` bytes. `None` if the file has no data for the buffer; an extension may supply it.
     bytes: Option<Bytes<'a>>,
 }
 
@@ -277,7 +277,7 @@ impl<'a> Views<'a> {
         view.bytes.ok_or_else(|| index.error("its buffer has no data in this file"))
     }
 
-    /// The elements of `holder`, which is an accessor or the indices or values of its sparse part. None if the buffer
+    /// The elements of `holder`, which is an accessor or the indices or values of its sparse part. `None` if the buffer
     /// has no data.
     fn elements(&self, holder: &Json, count: usize, size: usize, component: Component) -> Result<Option<Elements<'a>>> {
         let index = holder.require("bufferView")?;

@@ -124,7 +124,7 @@ fn free_name(document: &Value, name: &str) -> String {
     names.find(|name| !taken.contains(name.as_str())).unwrap_or_default()
 }
 
-/// The text with a camera and its node; none if it is no document.
+/// The text with a camera and its node; `None` if it is no document.
 fn edit(text: &str, document: &Value, camera: &AddedCamera, name: &str) -> Option<String> {
     let length = |list: &str| document[list].as_array().map_or(0, Vec::len);
     let [right, up, backward] = camera.axes;
@@ -162,8 +162,8 @@ fn append(text: &str, path: &[&str], entry: &str) -> Option<String> {
     Some([&text[..index], &inserted, &text[index..]].concat())
 }
 
-/// Where the value of a member of the object that begins at `at` is, or that of an array's entry by its index. The text
-/// is valid JSON.
+/// Range of the value of a member in the object that begins at `at`, or of an entry in an array, by its index. The text
+/// must be valid JSON.
 fn member(text: &str, at: usize, wanted: &str) -> Option<Range<usize>> {
     let bytes = text.as_bytes();
     let is_object = bytes.get(at) == Some(&b'{');

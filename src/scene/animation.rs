@@ -25,7 +25,7 @@ struct Animation<'r, 'a> {
     channels: Vec<Channel<'r, 'a>>,
 }
 
-/// What an animation does to one property.
+/// The effect of an animation on one property.
 struct Channel<'r, 'a> {
     json: Json<'a>,
     target: Target,
@@ -34,15 +34,15 @@ struct Channel<'r, 'a> {
 
 enum Target {
     Property(Property),
-    /// The pointer or path of a property that import does not know.
+    /// The pointer or path of a property that import does not support.
     Unknown(String),
 }
 
-/// What the animations of a document make of it.
+/// The result of a document's animations.
 pub(super) struct Posed {
-    /// The document at a moment; none for the pose of the file.
+    /// The document at a moment; `None` for the pose of the file.
     pub document: Option<Value>,
-    /// Time of the last key of the animation that is or would be played, in seconds; none without animations.
+    /// Time of the last key of the animation that is or would be played, in seconds; `None` without animations.
     pub end: Option<f64>,
 }
 
@@ -157,7 +157,7 @@ struct Stated<'a> {
     extended: bool,
 }
 
-/// The target of a channel. None if no node is stated, which glTF ignores.
+/// The target of a channel. `None` if no node is stated, which glTF ignores.
 fn stated<'a>(root: &Json<'a>, target: &Json<'a>) -> Result<Option<Stated<'a>>> {
     let path = target.require("path")?.string()?;
     if path == "pointer" {

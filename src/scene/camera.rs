@@ -22,7 +22,7 @@ pub struct Camera {
     pub near: f32,
     /// Distance of the far plane. Infinite if the file has none.
     pub far: f32,
-    /// Its lens. None: a pinhole, as all cameras of glTF.
+    /// Its lens. `None`: a pinhole, as all cameras of glTF are.
     pub lens: Option<Lens>,
 }
 
@@ -67,8 +67,8 @@ impl Camera {
         [half * aspect, half]
     }
 
-    /// The same camera in another normalised space: that of the same world at another time, whose scene has another
-    /// size or centre.
+    /// The same camera in another normalised space: the same world at another time, when the scene has another size or
+    /// centre.
     #[must_use]
     pub fn renormalised(&self, from: &Normalisation, to: &Normalisation) -> Camera {
         // A power of two.
@@ -146,7 +146,7 @@ fn camera(json: &Json) -> Result<CameraKind> {
 }
 
 impl CameraKind {
-    /// The camera in normalised space with the transform of `node`, whose scale is ignored. Returns None and adds a
+    /// The camera in normalised space with the transform of `node`, whose scale is ignored. Returns `None` and adds a
     /// note if the node's scale of zero leaves the camera without an orientation.
     pub fn place(
         &self,

@@ -31,7 +31,7 @@ impl Deref for Bytes<'_> {
     }
 }
 
-/// The JSON text and the binary chunk of a .glb or .gltf. The first bytes tell the two formats apart.
+/// The JSON text and the binary chunk of a .glb or .gltf. The first bytes distinguish the two formats.
 pub(super) fn chunks<'a>(bytes: &'a [u8], file: &Path) -> Result<(&'a [u8], Option<&'a [u8]>)> {
     if bytes.is_empty() {
         return Err(Error::input(file, "file", "is empty"));
@@ -94,7 +94,7 @@ pub(super) struct Resources {
 }
 
 impl Resources {
-    /// The files that were read, beside the scene in `file`, sorted.
+    /// The files that were read in addition to `file`, the scene, sorted.
     pub fn files(&self, file: &Path) -> Vec<PathBuf> {
         let folder = file.parent().unwrap_or(Path::new(""));
         let mut files: Vec<PathBuf> = self.files.keys().map(|path| folder.join(path)).collect();

@@ -60,7 +60,7 @@ impl Scene {
     }
 }
 
-/// Where a point lies in the image, in cells, if `half` is half its extent. None: not in front of the camera.
+/// Where a point lies in the image, in cells, if `half` is half its extent. `None`: it is not in front of the camera.
 fn project(camera: &Camera, half: Vec2, point: Vec3) -> Option<Vec2> {
     let offset = point - camera.position;
     let [right, up, backward] = camera.axes;

@@ -18,7 +18,7 @@ use crate::procedural::{Functions, Procedural};
 pub struct Scene {
     /// Vertices. Triangles of the same mesh primitive share them, and so do copies of the scene.
     pub vertices: Arc<Vec<Vertex>>,
-    /// Triangles. None of them has zero area. Those of shared meshes come last.
+    /// Triangles, all of nonzero area. Triangles of shared meshes come last.
     pub triangles: Vec<Triangle>,
     /// Meshes that are stored once and placed by instances.
     pub shared_meshes: Vec<SharedMesh>,
@@ -46,7 +46,7 @@ pub struct Scene {
     pub notes: Vec<String>,
     /// Names of the file's variants of materials.
     pub variants: Vec<String>,
-    /// Time of the last key of the animation that is or would be played, in seconds; none without animations.
+    /// Time of the last key of the animation that is or would be played, in seconds; `None` without animations.
     pub animation_end: Option<f64>,
     /// The files that it refers to and was read from, besides its own.
     pub files: Vec<std::path::PathBuf>,
@@ -102,7 +102,7 @@ impl Scene {
         self.triangles.is_empty() && self.procedurals.is_empty()
     }
 
-    /// Lower and upper corner of the bounding box of all triangles and procedural objects. None for an empty scene.
+    /// Lower and upper corner of the bounding box of all triangles and procedural objects. `None` for an empty scene.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         let corners = self.corners().map(|p| [p, p]);
         corners.reduce(|[lower, upper], [p, _]| [lower.min(p), upper.max(p)])

@@ -14,13 +14,13 @@ use crate::Result;
 /// Name of the extension.
 pub(super) const EXTENSION: &str = "KHR_draco_mesh_compression";
 
-/// Vertices and corners that every stream may have, and those for each of its bytes beyond that. Meshes take some bytes
-/// for each vertex; a plane of triangles in rows, whose deltas repeat, takes one for 20 of them.
+/// Number of vertices and of corners that every stream may have, and the number of further ones for each of its bytes.
+/// Meshes take some bytes for each vertex. A plane of triangles in rows, whose deltas repeat, takes one byte for 20.
 const FREE: usize = 1 << 12;
 const DENSEST: usize = 1 << 8;
 
-/// Bytes of all attributes of a vertex. Those of glTF, with two sets of everything, have some 200; a stream may have
-/// attributes beside them.
+/// Maximum bytes of all attributes of a vertex. The attributes of glTF, with two sets of everything, have some 200; a
+/// stream may have further ones.
 const MAX_VERTEX_BYTES: u64 = 512;
 
 /// Decoded elements of accessors, tightly packed, by the accessors' index.
@@ -36,7 +36,7 @@ struct Target<'a> {
 }
 
 impl<'a> Target<'a> {
-    /// None if the accessor has data of its own, which is then a copy of the compressed data without loss.
+    /// `None` if the accessor has data of its own, which is then a lossless copy of the compressed data.
     fn read(index: &Json<'a>, accessors: &[Json<'a>]) -> Result<Option<Self>> {
         let index = index.index(accessors.len(), "accessor")?;
         let json = accessors[index].clone();

@@ -11,7 +11,7 @@ use crate::{Error, Result};
 /// overflow.
 const MAX_RADIANCE: f32 = 1e30;
 
-/// How notes on a file without lights begin. With an environment there is light.
+/// Beginning of notes on a file without lights; with an environment there is light.
 pub(super) const NO_LIGHT_NOTE: &str = "no light in the file";
 
 impl Scene {

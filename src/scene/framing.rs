@@ -10,7 +10,7 @@ use super::triangle::NO_LIGHT;
 /// Share of the image's width, and of its height, that stays free at each side.
 const MARGIN: f32 = 0.05;
 
-/// From where a camera looks at the scene, and for what image.
+/// Direction from which a camera sees the scene, and the shape of its image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Framing {
     /// Direction in degrees from which the camera looks, counter-clockwise seen from above: 0 is the front (+Z in
@@ -57,8 +57,8 @@ impl Scene {
         self.seen_from(framing.axes(), framing.slopes()).camera(framing.axes(), framing.fov)
     }
 
-    /// Cameras all around the scene, `views` of them from equally spaced azimuths, the first from that of `framing`.
-    /// They look at the same point from the same distance, from which each of them sees all that [`Self::frame`] does.
+    /// `views` cameras around the scene, at equal steps of azimuth; the first has the azimuth of `framing`. They look
+    /// at the same point from the same distance, from which each of them sees all that [`Self::frame`] would show.
     pub fn turntable(&self, framing: &Framing, views: u32) -> Vec<Camera> {
         let turned = |view: u32| {
             let azimuth = framing.azimuth + 360.0 * view as f32 / views as f32;
@@ -142,7 +142,7 @@ impl Scene {
     }
 }
 
-/// What [`Scene::seen_from`] finds, in coordinates along the axes of the view.
+/// The result of [`Scene::seen_from`], in coordinates along the axes of the view.
 struct Seen {
     eye: [f32; 3],
     /// The largest coordinate of a corner along the axis that points backward.

@@ -26,9 +26,9 @@ use crate::Result;
 /// surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
 const SMALL_OBJECT: f64 = 1e-4;
 
-/// Size of an instance over that of the scene below which it is left out: it would cover a hundredth of a pixel where
-/// 2,600 pixels show all of the scene. Smaller ones would take small triangles from all copies, because no area may
-/// underflow.
+/// An instance is left out if its size over the scene's size is below this: it would cover a hundredth of a pixel in an
+/// image of 2,600 pixels that shows the whole scene. With smaller instances, small triangles would have to be dropped
+/// from all copies, because no area may underflow.
 const SMALLEST_INSTANCE: f64 = 1.0 / 262144.0;
 
 /// A mesh at a node, and its pose.
@@ -38,11 +38,11 @@ pub(super) struct PlacedMesh<'p, 'r, 'a> {
     pub mesh: &'p Mesh<'r, 'a>,
     /// Weights of the morph targets.
     pub weights: &'p [f64],
-    /// Matrices from the mesh's space to world space by joint of its skin. None: that of the node.
+    /// Matrices from the mesh's space to world space, by joint of its skin. `None`: the node's matrix.
     pub joints: Option<Arc<[DAffine3]>>,
 }
 
-/// Which mesh instances share, and whether it is mirrored. Kernels know no transforms that mirror.
+/// Which mesh instances share, and whether it is mirrored. Kernels support no mirroring transforms.
 pub(super) type SharedKey = (usize, bool);
 
 /// A mesh that is stored once, in its own space.
@@ -119,7 +119,7 @@ pub(super) struct Geometry {
 pub(super) struct Parts<'g> {
     pub world: &'g [DVec3],
     pub triangles: &'g mut [Triangle],
-    /// Those of each primitive.
+    /// The triangles of each primitive.
     pub ranges: &'g [Range<usize>],
 }
 
@@ -496,7 +496,7 @@ fn has_area([a, b, c]: [Vec3; 3]) -> bool {
 /// The vertices of a primitive in its own space, displaced by morph targets.
 struct Shape {
     positions: Vec<DVec3>,
-    /// Of each vertex, or empty; as in the file, not of unit length. The same holds for tangents.
+    /// The normal of each vertex, or empty; as in the file, not of unit length. The same holds for tangents.
     normals: Vec<DVec3>,
     tangents: Vec<DVec3>,
     uvs: [Vec<Vec2>; 2],

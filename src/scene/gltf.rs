@@ -34,7 +34,7 @@ use super::{
 use crate::input::read_file;
 use crate::{Error, Result};
 
-/// Supported extensions, beside those of a material's lobes.
+/// Supported extensions, in addition to those of a material's lobes.
 const SUPPORTED: &[&str] = &[
     animation::POINTER_EXTENSION,
     "KHR_lights_punctual",
@@ -171,7 +171,7 @@ struct Document<'r, 'a> {
     meshes: Vec<Mesh<'r, 'a>>,
     skins: Vec<Skin<'r, 'a>>,
     cameras: Vec<CameraKind>,
-    /// None for lights of an unknown type.
+    /// `None` for lights of an unknown type.
     lights: Vec<Option<Punctual>>,
 }
 
@@ -183,7 +183,7 @@ impl<'r, 'a> Document<'r, 'a> {
             nodes.filter_map(|(i, (node, of_node))| Some((i, node, of_node, &self.meshes[of_node.mesh?])))
         };
         let repeats = self.repeats(materials, options.max_copied_triangles)?;
-        // Of a shared mesh the copies that are no instances, and one more, which is stored for the others.
+        // For a shared mesh: the copies that are no instances, and one more, which is stored for the instances.
         let mut stored = vec![false; self.meshes.len()];
         let placed = meshes().map(|(_, node, of_node, mesh)| {
             let instances = of_node.mesh.map_or(0, |mesh| repeats.instances_at(node.index, mesh));

@@ -15,8 +15,9 @@ pub(super) const EXTENSION: &str = "EXT_lights_image_based";
 /// Maximum height of the panorama: for faces of 2048 texels, which then have about as many texels on the sphere.
 const MAX_HEIGHT: u32 = 4096;
 
-/// What each face is seen towards, and what is to the right and at the top of its image: +X, -X, +Y, -Y, +Z, -Z, seen
-/// from the centre. The extension mirrors the images of OpenGL's cube maps, which are seen from outside.
+/// For each face: the direction in which it is seen, the direction to its right and the one at its top, seen from the
+/// centre, in the order +X, -X, +Y, -Y, +Z, -Z. The extension mirrors the images of OpenGL's cube maps, which are seen
+/// from outside.
 const FACES: [[DVec3; 3]; 6] = [
     [DVec3::X, DVec3::Z, DVec3::Y],
     [DVec3::NEG_X, DVec3::NEG_Z, DVec3::Y],
@@ -29,7 +30,7 @@ const FACES: [[DVec3; 3]; 6] = [
 /// An image-based light of the file.
 struct ImageLight<'a> {
     json: Json<'a>,
-    /// From the directions of its cube map to those of the scene.
+    /// Rotation from directions of its cube map to directions of the scene.
     rotation: DQuat,
     intensity: f32,
     /// Indices of the images of the sharpest cube map.

@@ -35,7 +35,7 @@ impl Format {
     const JPEG: Format = Format::Picture(ImageFormat::Jpeg);
     const WEBP: Format = Format::Picture(ImageFormat::WebP);
 
-    /// The format that the first bytes are those of.
+    /// The format whose signature the first bytes are.
     fn of(bytes: &[u8]) -> Option<Format> {
         if bytes.starts_with(ktx2::MAGIC) {
             return Some(Format::Ktx2);
@@ -44,7 +44,7 @@ impl Format {
         format.filter(|format| [Format::PNG, Format::JPEG, Format::WEBP].contains(format))
     }
 
-    /// The size that the header says, if it is plausible.
+    /// The size in the header, if it is plausible.
     fn size(self, bytes: &[u8]) -> std::result::Result<[u32; 2], String> {
         match self {
             Format::Picture(format) => Ok(Picture::open(bytes, format)?.size),
@@ -63,7 +63,7 @@ impl Format {
     }
 }
 
-/// What the bytes of an image are.
+/// The content of an image's bytes.
 #[derive(Clone, Copy)]
 enum Content {
     /// A format that can be decoded, and the size.
@@ -84,12 +84,12 @@ pub(super) struct Encoded<'a> {
     pub first: usize,
 }
 
-/// What textures show of an image.
+/// The form in which textures use an image.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Form {
     /// The texels as they are stored.
     Stored,
-    /// Roughness in G, from a glossiness in A with a factor, whose bits these are.
+    /// Roughness in G, computed from the glossiness in A times a factor; these are the bits of the factor.
     Roughness(u32),
 }
 
@@ -113,7 +113,7 @@ impl Form {
 pub(super) struct Use {
     /// Index of the image in the file.
     pub image: usize,
-    /// What is shown of it.
+    /// The form of the texels.
     pub form: Form,
 }
 
@@ -130,8 +130,8 @@ pub(super) const BASIS: &str = "KHR_texture_basisu";
 /// The extension for images that are WebP.
 pub(super) const WEBP: &str = "EXT_texture_webp";
 
-/// The image that a texture shows, if it has any: that of an extension if there is one, as those are the better form of
-/// the same image.
+/// The image of a texture, if it has any. An extension's image is preferred, because it is the better form of the same
+/// image.
 pub(super) fn source(texture: &Json, images: &[Encoded]) -> Result<Option<usize>> {
     let mut shown = None;
     for (extension, formats, problem) in SOURCES {
@@ -257,7 +257,7 @@ pub(super) fn decode(images: &[Encoded], used: &[Use]) -> Result<Vec<Result<Text
     Ok(used.par_iter().map(|shown| images[shown.image].decode(shown.form)).collect())
 }
 
-/// As [`decode`], of images of textures: where they have too many texels together, the largest are reduced, in their
+/// Like [`decode`], for images of textures: if they have too many texels together, the largest are reduced, in their
 /// colour spaces.
 pub(super) fn decode_textures(
     images: &[Encoded],

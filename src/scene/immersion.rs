@@ -1,9 +1,9 @@
 //! Volumes within volumes: which surfaces lie in the volume (KHR_materials_volume) of another object.
 //!
 //! glTF has no word for it, so geometry decides: a primitive lies in the smallest closed volume that encloses it. Light
-//! is then refracted from that volume into its own, and absorbed on the way to it. Kernels need no stack of volumes:
-//! a ray may begin anywhere. What is only partly inside counts as outside, and so do copies of meshes that are stored
-//! once, and lamps, whose light kernels do not absorb on its way to the surfaces that sample it.
+//! is then refracted from that volume into its own, and absorbed on the way to it. Kernels need no stack of volumes: a
+//! ray may begin anywhere. Primitives that are only partly inside count as outside. So do instances, and lamps, because
+//! kernels do not absorb their light on its way to the surfaces that sample it.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -36,7 +36,7 @@ struct Part {
     bounds: [DVec3; 2],
 }
 
-/// Gives the primitives that lie in volumes copies of their materials that know it.
+/// Gives the primitives that lie in volumes copies of their materials with [`Material::medium`] set.
 pub(super) fn immerse(geometry: &mut Geometry, materials: &mut Vec<Material>, notes: &mut Notes) {
     let is_vessel = |m: &Material| m.volume.is_some() && !m.unlit && m.has_transmitting_lobe();
     if !materials.iter().any(is_vessel) {

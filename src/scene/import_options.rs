@@ -19,16 +19,16 @@ pub struct ImportOptions {
     /// at 0, 0 where a primitive lacks coordinates, instead of refusing the file. Each leaves a note. A surface without
     /// its emissive texture does not emit.
     pub lenient: bool,
-    /// The animation that [`time`](Self::time) is of, by name or index. None: the first of the file.
+    /// The animation that [`time`](Self::time) is of, by name or index. `None`: the first one of the file.
     pub animation: Option<String>,
-    /// Seconds from the beginning of the animation. Before its first key and after its last one it stands still. None:
-    /// the pose of the file's nodes, which no animation has changed.
+    /// Seconds from the beginning of the animation. Before its first key and after its last one it stands still.
+    /// `None`: the pose of the file's nodes, which no animation has changed.
     pub time: Option<f64>,
     /// The animation begins again after its last key.
     pub repeat: bool,
-    /// Name of the variant of materials (KHR_materials_variants) to render. None: the materials of no variant.
+    /// Name of the variant of materials (KHR_materials_variants) to render. `None`: the materials without a variant.
     pub variant: Option<String>,
     /// Number of triangles up to which each copy of a mesh has its own. If all copies have more in total, meshes that
-    /// are repeated are stored once. None: about four million.
+    /// are repeated are stored once. `None`: about four million.
     pub max_copied_triangles: Option<usize>,
 }

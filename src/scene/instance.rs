@@ -27,12 +27,12 @@ pub struct Instance {
     pub origin: Vec3,
 }
 
-/// Limit of a transform's Frobenius norm times that of its inverse, over 3. That is 1 if it keeps angles, and 3 where
-/// one axis is stretched six times as far as the others.
+/// Limit of the product of the Frobenius norms of a transform and of its inverse, over 3. The value is 1 if the
+/// transform keeps angles, and 3 if one axis is stretched six times as far as the others.
 ///
-/// The errors of rays in the mesh's space are proportional to it: at 3 those of points are below 1e-5 of their distance
-/// from the ray's origin (`ray_in_mesh` in `shaders/lib/instance.wgsl`), and those of normals below 3e-4 rad, six times
-/// that of `oct_encode16`.
+/// The errors of rays in the mesh's space are proportional to this value. At 3, errors of points are below 1e-5 of
+/// their distance from the ray's origin (`ray_in_mesh` in `shaders/lib/instance.wgsl`), and errors of normals are below
+/// 3e-4 rad, six times the error of `oct_encode16`.
 pub const MAX_STRETCH: f64 = 3.0;
 
 impl Instance {

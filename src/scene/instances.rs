@@ -1,4 +1,4 @@
-//! What is in the scene once its instances are in their positions.
+//! The content of the scene with its instances in their positions.
 
 use std::ops::Range;
 use std::sync::Arc;

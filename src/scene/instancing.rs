@@ -23,7 +23,7 @@ pub(super) struct Instances<'r, 'a> {
 }
 
 impl<'r, 'a> Instances<'r, 'a> {
-    /// The copies of `node`'s mesh; None if the mesh is there once, at the node itself.
+    /// The copies of `node`'s mesh; `None` if the mesh is there once, at the node itself.
     pub fn read(node: &Json<'a>, accessors: &'r [Accessor<'a>]) -> Result<Option<Self>> {
         let Some(json) = node.extension(EXTENSION)? else { return Ok(None) };
         let attributes = json.require("attributes")?;

@@ -1,4 +1,4 @@
-//! JSON values that know their JSON pointer, so that every error can state its location in the document.
+//! JSON values with their JSON pointers, so that every error can state its location in the document.
 
 use std::path::Path;
 

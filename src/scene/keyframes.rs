@@ -14,7 +14,7 @@ use crate::Result;
 /// Elements that are read at a time to be checked.
 const BLOCK: usize = 1 << 12;
 
-/// What a key of a property holds.
+/// The values in a key of a property.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Values {
     /// An accessor's element of that many numbers, each interpolated by itself.
@@ -67,8 +67,8 @@ pub(super) struct Sampler<'r, 'a> {
 /// Reads and checks samplers.
 pub(super) struct Reader<'r, 'a> {
     accessors: &'r [Accessor<'a>],
-    /// Accessors whose values are checked: as times, as finite numbers, and as unit quaternions, which lie elsewhere
-    /// between tangents. Samplers may share accessors.
+    /// Accessors whose values have been checked: as times, as finite numbers, and as unit quaternions, whose positions
+    /// differ if a sampler has tangents. Samplers may share accessors.
     times: HashSet<usize>,
     finite: HashSet<usize>,
     unit: HashSet<(usize, bool)>,
@@ -204,7 +204,8 @@ impl Sampler<'_, '_> {
         self.time(self.input.count - 1)
     }
 
-    /// The values at a time: those of the first key before it, those of the last key after it.
+    /// The values at a time. Before the first key they are those of the first key, after the last key those of the
+    /// last.
     pub fn at(&self, seconds: f64, values: Values) -> Result<Vec<f64>> {
         let (mut low, mut high) = (0, self.input.count);
         // A frame at the time of a key must not come before it, because the file has rounded that time.
@@ -232,8 +233,8 @@ impl Sampler<'_, '_> {
             }
         };
         if values == Values::Rotation {
-            // Splines leave the unit sphere, and rounded keys lie beside it. Opposite keys have no rotation between
-            // them; that of the one before stays.
+            // Splines leave the unit sphere, and rounded keys lie slightly off it. Between opposite keys no rotation is
+            // defined: the earlier key's rotation stays.
             let unit = DVec4::from_slice(&result).try_normalize().unwrap_or(rotation(&value(key)?).normalize().into());
             result = unit.to_array().to_vec();
         }
@@ -258,7 +259,7 @@ fn spline([from, leaving, to, arriving]: [f64; 4], t: f64) -> f64 {
 fn slerp(from: DQuat, to: DQuat, t: f64) -> DQuat {
     let (from, to) = (from.normalize(), to.normalize());
     let to = if from.dot(to) < 0.0 { -to } else { to };
-    // Half the angle, accurate for small ones, of which the dot product has only half of the digits.
+    // Half the angle. It is accurate for small angles, for which the dot product has only half of the digits.
     let half = (0.5 * (to - from).length()).min(FRAC_1_SQRT_2).asin();
     let weight = |share: f64| if half == 0.0 { share } else { (2.0 * share * half).sin() / (2.0 * half).sin() };
     from * weight(1.0 - t) + to * weight(t)

@@ -26,7 +26,8 @@ const UASTC_BLOCK: u64 = 16;
 const FREE: u64 = 1 << 22;
 const DENSEST: u64 = 1 << 15;
 
-/// Zstandard's window that any file may ask for: that of its usual levels. A larger one is not larger than the content.
+/// Window of Zstandard that any file may request: that of its usual compression levels. A larger one is not larger than
+/// the content.
 const WINDOW: u64 = 8 << 20;
 
 #[derive(Clone, Copy, PartialEq)]

@@ -10,7 +10,7 @@ use super::nearest::SurfaceSearch;
 /// stated film refer.
 const FILM_HEIGHT: f64 = 0.024;
 
-/// Maximum number of blades of an iris. No eye sees that the blur of so many is not round.
+/// Maximum number of blades of an iris. With this many, no eye sees that the blur is not round.
 pub const MAX_BLADES: u32 = 64;
 
 /// Distance at which a lens is in focus.

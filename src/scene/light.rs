@@ -36,7 +36,7 @@ pub enum LightKind {
     Point {
         /// Position.
         position: Vec3,
-        /// Radiant intensity in normalised space: that of the file times the scale squared.
+        /// Radiant intensity in normalised space: the file's value times the scale squared.
         intensity: Vec3,
         /// Range. Infinite if the file has none.
         range: f32,
@@ -47,13 +47,13 @@ pub enum LightKind {
         position: Vec3,
         /// Unit vector along the axis of the cone, away from the light.
         direction: Vec3,
-        /// As for [`LightKind::Point`].
+        /// See [`LightKind::Point`].
         intensity: Vec3,
         /// Cosine of the inner cone angle; greater than [`cos_outer`](LightKind::Spot::cos_outer).
         cos_inner: f32,
         /// Cosine of the outer cone angle.
         cos_outer: f32,
-        /// As for [`LightKind::Point`].
+        /// See [`LightKind::Point`].
         range: f32,
     },
     /// KHR_lights_punctual directional light.
@@ -75,8 +75,8 @@ pub enum LightKind {
 }
 
 impl LightKind {
-    /// The light points that a surface point samples, at most `most`: one of a light that comes from a single
-    /// direction. As in `shaders/lib/light/table.wgsl`.
+    /// The number of light points that a surface point samples, at most `most`. It is 1 for a light whose light comes
+    /// from a single direction. The same rule is in `shaders/lib/light/table.wgsl`.
     pub(crate) fn max_light_points(&self, most: u32) -> u32 {
         match self {
             LightKind::Point { .. } | LightKind::Spot { .. } | LightKind::Directional { .. } => 1,
@@ -109,7 +109,7 @@ enum Kind {
     Directional,
 }
 
-/// Reads the file's punctual lights; None for one of a type that is not known.
+/// Reads the file's punctual lights; `None` for one of an unknown type.
 pub(super) fn read(root: &Json, notes: &mut Notes) -> Result<Vec<Option<Punctual>>> {
     let Some(extension) = root.extension("KHR_lights_punctual")? else { return Ok(Vec::new()) };
     let list = extension.require("lights")?;
@@ -159,7 +159,7 @@ fn punctual(index: usize, json: &Json, notes: &mut Notes) -> Result<Option<Punct
 }
 
 impl Punctual {
-    /// The light as `node` places it. None, and a note, where it emits nothing or has no direction.
+    /// The light as `node` places it. `None`, and a note, if it emits nothing or has no direction.
     pub fn place(
         &self,
         node: &Json,
@@ -206,18 +206,18 @@ impl Punctual {
 /// Points per axis at which an emissive texture is looked up over a triangle.
 const STRATA: usize = 8;
 
-/// What emissive materials emit, triangle by triangle.
+/// The emission of emissive materials, triangle by triangle.
 pub(super) struct Emission<'a> {
     materials: &'a [Material],
     textures: &'a [Texture],
     images: &'a [TextureImage],
-    /// For each image, once it is asked for: how many texels that are not black lie above and to
-    /// the left, (width + 1) x (height + 1).
+    /// For each image, computed at the first request: how many texels that are not black lie above and to the left of a
+    /// corner, (width + 1) x (height + 1) values.
     bright: Vec<OnceLock<Vec<u32>>>,
 }
 
 impl<'a> Emission<'a> {
-    /// Of those materials, seen through those textures.
+    /// The emission of these materials through these textures.
     pub fn new(materials: &'a [Material], textures: &'a [Texture], images: &'a [TextureImage]) -> Self {
         Emission { materials, textures, images, bright: vec![OnceLock::new(); images.len()] }
     }
@@ -290,9 +290,9 @@ fn count_bright(image: &TextureImage) -> Vec<u32> {
 /// sphere: near enough for soft shadows.
 const DEFAULT_LIGHT: [f64; 2] = [1.0, 2.4];
 
-/// Where it is, seen from the centre: a photographer's key light, above, before and to the left of a model whose front
-/// is +Z, as glTF says. It is above what [`super::Scene::frame_camera`] sees. A lamp right above a model leaves its
-/// front dark.
+/// Direction from the centre to the default light. Like a photographer's key light, it is above, before and to the left
+/// of a model whose front is +Z, as in glTF. It is above the region that [`super::Scene::frame_camera`] shows. A lamp
+/// right above a model leaves its front dark.
 const TOWARDS_DEFAULT_LIGHT: DVec3 = DVec3::new(-0.4, 1.0, 0.6);
 
 /// The default light: a square that faces the centre of a scene of that centre and radius. Gives its corners,

@@ -1,11 +1,12 @@
-//! Cameras that a user places: a position, and what it looks at.
+//! Cameras that a user places: a position, and a point to look at.
 
 use glam::DVec3;
 
 use super::camera::{Camera, Projection};
 use super::description::Scene;
 
-/// Share of the scene's size nearer than which a placed camera sees nothing: less than any surface is looked at from.
+/// Distance of the near plane of a placed camera, as a share of the scene's size: less than the distance from which any
+/// surface is viewed.
 const NEAR: f32 = 1e-4;
 
 /// Sine of the angle to the direction that is up below which the direction of view has no upright image of its own.
@@ -20,7 +21,7 @@ pub enum Extent {
     Height(f64),
 }
 
-/// Vertical field of view in degrees of a camera that the file does not have, as of a 50 mm lens on 36 mm film.
+/// Vertical field of view in degrees of a camera that is not from the file: that of a 50 mm lens on 36 mm film.
 pub(super) const DEFAULT_FOV: f64 = 40.0;
 
 impl Default for Extent {
@@ -29,12 +30,12 @@ impl Default for Extent {
     }
 }
 
-/// Where a camera is, and where it looks, in the file's world space.
+/// Position and target of a camera, in the file's world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LookAt {
     /// The camera's position.
     pub from: DVec3,
-    /// What is in the centre of the image.
+    /// The point in the centre of the image.
     pub at: DVec3,
     /// The direction that is up in the image, of any length.
     pub up: DVec3,
@@ -49,7 +50,7 @@ impl LookAt {
     }
 
     /// The axes of the image, each of unit length: right, up and backward. If the view is along `up`, -Z is up in the
-    /// image, or Y if the view is along Z. None if both positions are the same.
+    /// image, or Y if the view is along Z. `None` if both positions are the same.
     pub fn axes(&self) -> Option<[DVec3; 3]> {
         let backward = (self.from - self.at).try_normalize()?;
         let ups = [self.up.normalize_or_zero(), DVec3::NEG_Z, DVec3::Y];

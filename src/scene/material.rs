@@ -38,7 +38,7 @@ pub enum AlphaMode {
 pub struct Medium {
     /// Its index of refraction.
     pub ior: f32,
-    /// What it absorbs.
+    /// The volume's absorption.
     pub volume: Volume,
 }
 
@@ -68,7 +68,7 @@ macro_rules! material {
             pub double_sided: bool,
             /// KHR_materials_unlit: shown as its base colour, casts shadows, reflects and emits nothing.
             pub unlit: bool,
-            /// The volume that the surface lies in; none for air. Import finds it: [`Medium`].
+            /// The volume that the surface lies in; `None` for air. Import finds it: [`Medium`].
             pub medium: Option<Medium>,
             /// Base colour (sRGB) and alpha.
             pub base_colour_texture: Option<TextureInfo>,
@@ -135,7 +135,7 @@ macro_rules! material {
                 Material { $($lobe: self.$lobe.without_textures(),)* ..self }
             }
 
-            /// The textures whose coordinates give tangents to triangles without any.
+            /// The textures whose coordinates define tangents for triangles that have none.
             pub(crate) fn tangent_textures(&self) -> impl Iterator<Item = TextureInfo> {
                 self.normal_texture.into_iter()$(.chain(self.$lobe.tangent_texture()))*
             }
@@ -164,7 +164,8 @@ material! {
     specular: Specular,
     /// The part that lets light pass.
     transmission: Transmission,
-    /// What lies behind the surface, where the file's thickness is not 0: the surface bends light. None: a thin wall.
+    /// The volume behind the surface, if the file's thickness is not 0: the surface then bends light. `None`: a thin
+    /// wall.
     volume: Option<Volume>,
     /// The clear coat.
     clearcoat: Clearcoat,

@@ -224,8 +224,8 @@ impl<'r, 'a> Reader<'_, 'r, 'a> {
     }
 }
 
-/// The sorted indices of the vertices that occur in `corners`. None if all `count` vertices do. Exporters share one set
-/// of vertices between many primitives, so the time to read a primitive must not grow with the size of the set.
+/// The sorted indices of the vertices that occur in `corners`. `None` if all `count` vertices do. Exporters share one
+/// set of vertices between many primitives, so the time to read a primitive must not grow with the size of the set.
 fn used(corners: &[u32], count: usize) -> Option<Vec<u32>> {
     let which = if corners.len() < count {
         let mut which = corners.to_vec();
@@ -268,7 +268,7 @@ impl<'a> Attributes<'_, '_, 'a> {
             }
             let of = |json: &Json<'a>| self.reader.accessor(json);
             skin::check_set((&joints, of(&joints)?), (&weights, of(&weights)?))?;
-            // Of 16 bits at most: exact as floats.
+            // The numbers have at most 16 bits, so they are exact as floats.
             let numbers = self.read::<4, [f32; 4]>(&joints_name, &[4])?;
             let shares = self.read::<4, [f32; 4]>(&weights_name, &[4])?;
             if let Some(i) = shares.iter().position(|weights| weights.iter().any(|weight| *weight < 0.0)) {

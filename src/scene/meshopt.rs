@@ -15,7 +15,7 @@ use super::json::Json;
 use crate::Result;
 use filter::Filter;
 
-/// The extensions, of which a view has at most one. They differ in what [`Mode::Attributes`] and filters may be.
+/// The extensions; a view has at most one. They differ in what [`Mode::Attributes`] and filters may be.
 pub(super) const EXTENSIONS: [&str; 2] = ["KHR_meshopt_compression", "EXT_meshopt_compression"];
 
 #[derive(Clone, Copy, PartialEq)]
@@ -35,7 +35,7 @@ struct Compressed<'a> {
     stride: usize,
 }
 
-/// The decoded bytes of each buffer view; None for views that are not compressed.
+/// The decoded bytes of each buffer view; `None` for views that are not compressed.
 pub(super) fn decode(root: &Json, buffers: &[Buffer]) -> Result<Vec<Option<Vec<u8>>>> {
     let mut views = Vec::new();
     // Views may share compressed bytes, so the size of the file does not bound what they expand to.

@@ -16,10 +16,12 @@ const ATTRIBUTES: [(&str, &[usize]); 6] = [
     ("COLOR_0", &[3, 4]),
 ];
 
-/// Those that are an error without the primitive's own; others without it are noted.
+/// Attributes that a target may displace only if the primitive has them. For other attributes, a missing one gives a
+/// note.
 const SHAPE: [&str; 3] = ["POSITION", "NORMAL", "TANGENT"];
 
-/// Of vertices: positions, normals, tangents, two sets of texture coordinates, colours; each of all or empty.
+/// Vertex attributes to displace: positions, normals, tangents, two sets of texture coordinates, colours. Each has an
+/// entry for every vertex, or is empty.
 pub(super) struct Displaced<'d> {
     pub vectors: [&'d mut [DVec3]; 3],
     pub uvs: [&'d mut [Vec2]; 2],
@@ -29,15 +31,15 @@ pub(super) struct Displaced<'d> {
 /// The morph targets of a primitive. Their displacements stay in the file's accessors: many targets may share them.
 pub(super) struct Morph<'r, 'a> {
     targets: Vec<[Option<&'r Accessor<'a>>; ATTRIBUTES.len()]>,
-    /// The vertices of the accessors that the primitive uses; none for all of them.
+    /// The vertices of the accessors that the primitive uses; `None` for all of them.
     which: Option<Vec<u32>>,
 }
 
 /// A target as the file has it: accessors by attribute, with their references.
 pub(super) type Target<'r, 'a> = [Option<(&'r Accessor<'a>, Json<'a>)>; ATTRIBUTES.len()];
 
-/// Reads one target of a primitive with `count` vertices. `base` tells which attributes the primitive has. The second
-/// result says whether it has displacements of other attributes.
+/// Reads one target of a primitive with `count` vertices. `base` returns whether the primitive has an attribute. The
+/// second result is whether the target displaces other attributes.
 pub(super) fn target<'r, 'a>(
     json: &Json<'a>,
     accessors: &'r [Accessor<'a>],
@@ -67,8 +69,8 @@ pub(super) fn target<'r, 'a>(
 }
 
 impl<'r, 'a> Morph<'r, 'a> {
-    /// Of those targets, of which the vertices `which` are used, or all. The second result is the first reference to an
-    /// accessor with a number that is not finite, and the element.
+    /// The morph of these targets, for the vertices `which` or for all. The second result is the first reference to an
+    /// accessor with a number that is not finite, and the index of the element.
     pub fn new(targets: Vec<Target<'r, 'a>>, which: Option<Vec<u32>>) -> Result<(Self, Option<(Json<'a>, usize)>)> {
         let mut wrong = None;
         for (accessor, json) in targets.iter().flatten().flatten() {

@@ -17,7 +17,7 @@ pub struct Nearest {
     pub depth: f64,
     /// Index of its material.
     pub material: u32,
-    /// Unit normal of the triangle, to either side; none of an object that is a function, or of a triangle of no area.
+    /// Unit normal of the triangle, to either side; `None` for a procedural object, or for a triangle without area.
     pub normal: Option<DVec3>,
 }
 
@@ -26,25 +26,25 @@ pub struct SurfaceSearch<'a> {
     scene: &'a Scene,
     /// The triangles that are no part of a shared mesh.
     flat: Runs,
-    /// Those of each shared mesh, in its own space.
+    /// The triangles of each shared mesh, in its own space.
     shared: Vec<Runs>,
     /// The boxes around instances.
     instances: BoxTree,
 }
 
-/// Consecutive triangles in runs, whose triangles are mostly neighbours in a mesh.
+/// Consecutive triangles, divided into runs. The triangles of a run are mostly neighbours in a mesh.
 struct Runs {
     triangles: Range<usize>,
     /// The boxes around the runs.
     boxes: BoxTree,
 }
 
-/// Triangles of a run. Fewer make the rays faster and the tree slower. With so many, the tree over the runs of
+/// Triangles of a run. Fewer make the rays faster and the tree slower. With 16, the tree over the runs of
 /// `scenes/crowd.glb` takes 8 ms, and the 512 rays of a look at the view 22 ms.
 const RUN_LENGTH: usize = 16;
 
 impl<'a> SurfaceSearch<'a> {
-    /// Of all surfaces of `scene`.
+    /// A search over all surfaces of `scene`.
     pub fn new(scene: &'a Scene) -> Self {
         let shared: Vec<_> = scene.shared_meshes.iter().map(|mesh| Runs::new(scene, mesh.triangles.clone())).collect();
         let around = |instance: &Instance| placed(shared[instance.mesh].boxes.bounds(), instance);
@@ -92,14 +92,15 @@ impl<'a> SurfaceSearch<'a> {
 }
 
 impl Runs {
-    /// Of some triangles of a scene.
+    /// The runs of some triangles of a scene.
     fn new(scene: &Scene, triangles: Range<usize>) -> Runs {
         let count = triangles.len().div_ceil(RUN_LENGTH);
         let around = |index| Aabb::of(run(&triangles, index).flat_map(|index| scene.triangle_positions(index)));
         Runs { boxes: BoxTree::new((0..count).into_par_iter().map(around)), triangles }
     }
 
-    /// The runs whose box a ray enters, with where it does, in no order; `enters` tells that of a box.
+    /// The runs whose box a ray enters, with the distance at which it does, in no order; `enters` returns that distance
+    /// for a box.
     fn entered(&self, enters: impl Fn(Aabb) -> Option<f64>) -> impl Iterator<Item = (f64, Range<usize>)> {
         self.boxes.entered(enters).into_iter().map(|(enter, index)| (enter, run(&self.triangles, index)))
     }
@@ -120,7 +121,7 @@ fn placed(bounds: Aabb, instance: &Instance) -> Aabb {
 /// The multiples of `way` at which a ray enters and leaves a box.
 fn box_depths(bounds: Aabb, origin: DVec3, way: DVec3) -> Option<[f64; 2]> {
     let [a, b] = [bounds.min, bounds.max].map(|end| (end.as_dvec3() - origin) / way);
-    // Along an axis 0 / 0: the ray lies in a side of the box, which bounds it nowhere.
+    // 0 / 0 along an axis: the ray lies in a side of the box, so that this axis does not bound it.
     let is_free = a.is_nan_mask() | b.is_nan_mask();
     let enter = DVec3::select(is_free, DVec3::NEG_INFINITY, a.min(b)).max_element();
     let leave = DVec3::select(is_free, DVec3::INFINITY, a.max(b)).min_element();

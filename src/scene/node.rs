@@ -1,4 +1,4 @@
-//! The node hierarchy: world matrices in f64.
+//! The tree of nodes: world matrices in f64.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 

@@ -14,9 +14,9 @@ const POSITIVE: [f64; 2] = [0.0, f64::INFINITY];
 /// Shares.
 const UNIT: [f64; 2] = [0.0, 1.0];
 
-/// The known properties: pointer, with `*` for one part and `**` for some, what a key holds, and the range to which
-/// values are limited, because a spline may leave that of its keys. Where import refuses values beyond a range that is
-/// open at an end, it is left to do so.
+/// The known properties: pointer, with `*` for one part and `**` for some, the values of a key, and the range to which
+/// they are clamped, because a spline may leave the range of its keys. A range is left open at an end where import
+/// itself refuses values beyond it.
 const KNOWN: &[(&str, Values, [f64; 2])] = &[
     ("/nodes/*/translation", Vector(3), ANY),
     ("/nodes/*/rotation", Rotation, ANY),
@@ -77,7 +77,7 @@ const WEIGHTS: &str = "weights";
 #[derive(Debug, PartialEq)]
 pub(super) struct Property {
     pointer: String,
-    /// What a key of it holds.
+    /// The values of a key.
     pub values: Values,
     range: [f64; 2],
     /// It is the weight of one morph target.
@@ -85,7 +85,7 @@ pub(super) struct Property {
 }
 
 impl Property {
-    /// The property of `document` that `pointer` leads to; none if it is not a known one.
+    /// The property of `document` that `pointer` leads to; `None` if it is not a known property.
     ///
     /// # Errors
     /// What is wrong with the pointer.

@@ -9,12 +9,12 @@ use super::instance::MAX_STRETCH;
 use super::material::Material;
 use super::mesh::Mesh;
 
-/// Triangles up to which every copy of a mesh has its own. The kernels' hierarchy is then one tree, in which rays take
-/// fewer steps and software devices trace them in packets; such a scene needs some 1.6 GB of the host's memory.
+/// Triangles up to which every copy of a mesh has its own. The BVH is then one tree, in which rays take fewer steps and
+/// software devices trace them in packets; such a scene needs some 1.6 GB of the host's memory.
 const MAX_COPIED: usize = 1 << 22;
 
-/// Minimum number of triangles of a mesh that is stored once: a copy takes 112 bytes and its share of the hierarchy's
-/// upper part, a triangle 64 and more.
+/// Minimum number of triangles of a mesh that is stored once: a copy takes 112 bytes and its share of the upper part of
+/// the BVH, a triangle 64 and more.
 const MIN_TRIANGLES: usize = 4;
 
 /// Maximum number of copies in a file whose meshes are stored once. Each takes up to a kilobyte of the host's memory.
@@ -28,7 +28,7 @@ pub(crate) const MAX_PRIMITIVES: usize = 1 << 30;
 pub(super) struct Repeats {
     limit: usize,
     meshes: Vec<Repeated>,
-    /// By index of the node, how many of the copies there can be instances.
+    /// For each node, by its index, how many of its copies can be instances.
     shareable: HashMap<usize, usize>,
 }
 
@@ -54,7 +54,7 @@ impl Repeated {
 }
 
 impl Repeats {
-    /// No mesh is stored once if all copies have at most `limit` triangles in total (None: the default).
+    /// No mesh is stored once if all copies have at most `limit` triangles in total (`None`: the default).
     pub fn new(meshes: &[Mesh], limit: Option<usize>) -> Repeats {
         let triangles = |mesh: &Mesh| mesh.primitives.iter().map(|primitive| primitive.triangles.len()).sum();
         let meshes = meshes.iter().map(|mesh| Repeated { triangles: triangles(mesh), ..Repeated::default() }).collect();
@@ -73,7 +73,7 @@ impl Repeats {
         self.shareable.insert(node, count);
     }
 
-    /// Whether there are enough triangles to store meshes once, and not too many copies to look at each.
+    /// Whether there are enough triangles to store meshes once, and not too many copies to visit each.
     pub fn are_worthwhile(&self) -> bool {
         let copies = self.meshes.iter().fold(0usize, |sum, mesh| sum.saturating_add(mesh.copies));
         self.copied_triangles() > self.limit && copies <= MAX_INSTANCES
@@ -83,7 +83,7 @@ impl Repeats {
         self.meshes.iter().fold(0, |sum, mesh| sum.saturating_add(mesh.copied_triangles()))
     }
 
-    /// Chooses the meshes of which most triangles can be spared, until the rest is within the limit.
+    /// Selects meshes to be stored once, the ones that save most triangles first, until the rest is within the limit.
     pub fn decide(&mut self) {
         let mut rest = self.copied_triangles();
         let mut order: Vec<usize> = (0..self.meshes.len()).collect();
@@ -97,7 +97,7 @@ impl Repeats {
             let all_instances = instances + mesh.shareable;
             let all_largest = mesh.triangles.next_power_of_two().max(largest);
             let left = rest - mesh.spared();
-            // As in src/bvh/instanced.rs, with one instance for the rest.
+            // The same count as in src/bvh/instanced.rs, with one instance for the rest.
             let indices = all_largest.saturating_mul(all_instances + 1).saturating_add(left);
             if mesh.triangles >= MIN_TRIANGLES && indices <= MAX_PRIMITIVES {
                 (mesh.is_shared, rest, instances, largest) = (true, left, all_instances, all_largest);

@@ -132,7 +132,7 @@ pub(super) struct Influences<'a> {
 }
 
 impl<'a> Influences<'a> {
-    /// Those of at least one set. The sets have the same number of vertices.
+    /// The influences of at least one set. The sets have the same number of vertices.
     pub fn new(sets: Vec<Set<'a>>) -> Self {
         Influences { sets }
     }

@@ -127,8 +127,8 @@ impl TextureImage {
         [colour(r), colour(g), colour(b), plain(a)]
     }
 
-    /// The radiance of a texel that is coded as RGBD: sRGB colour, divided by alpha, of which 0 counts as 1/255. An
-    /// image without alpha is a plain colour.
+    /// The radiance of an RGBD texel: its sRGB colour over its alpha, where an alpha of 0 counts as 1/255. An image
+    /// without alpha is a plain colour.
     pub(super) fn rgbd(&self, texel: [u32; 2]) -> Vec3 {
         let coded = self.linear(texel, ColourSpace::Srgb);
         coded.truncate() / coded.w.max(1.0 / 255.0)

@@ -9,7 +9,7 @@ const EXTENSION: &str = "KHR_materials_variants";
 /// The variants of a file.
 pub(super) struct Variants {
     names: Vec<String>,
-    /// The variant to render. None: each primitive has its own material.
+    /// The variant to render. `None`: each primitive has its own material.
     chosen: Option<usize>,
 }
 

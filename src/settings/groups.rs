@@ -15,20 +15,20 @@ pub struct ImageSettings {
     pub height: u32,
     /// The part that is rendered. `None`: all of it.
     pub crop: Option<Crop>,
-    /// Samples per pixel, at least 1: of each, or in the mean, as `sampling` says. A single sample goes through the
-    /// centre of the pixel.
+    /// Samples per pixel, at least 1: the number of each pixel, or the mean, depending on `sampling`. A single sample
+    /// goes through the centre of the pixel.
     pub spp: u32,
-    /// Which pixels get how many. [`Sampling::Adaptive`] is not for pieces.
+    /// How samples are distributed over pixels. [`Sampling::Adaptive`] is not for pieces.
     pub sampling: Sampling,
-    /// The samples of a piece, of which others have the rest: no sample learns from another one then, so that pieces
-    /// have the same bits whatever the cut. `None`: all samples, of which later ones learn from earlier ones.
+    /// The samples of a piece; other pieces have the rest. No sample then learns from another one, so that pieces have
+    /// the same bits however the image is divided. `None`: all samples; later ones learn from earlier ones.
     #[serde(rename = "samples")]
     pub piece: Option<SampleRange>,
     /// Seed of all random numbers.
     pub seed: u32,
-    /// Channels beside the picture.
+    /// Channels in addition to the picture.
     pub aovs: Vec<Aov>,
-    /// The denoiser that the film keeps what is needed for; see [`crate::Denoiser`].
+    /// The denoiser whose input the film keeps; see [`crate::Denoiser`].
     pub denoise: Denoise,
     /// Estimated relMSE at which a block of pixels gets no more samples (adaptive sampling), above 0. `None`: each
     /// pixel gets `spp` samples.
@@ -59,7 +59,7 @@ pub struct SampleRange {
     pub end: u32,
 }
 
-/// What the camera sees where there is no surface. The environment lights the scene whatever is seen of it.
+/// What the camera sees where there is no surface. The environment lights the scene whichever is shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Background {
     /// The environment; black without one.
@@ -146,8 +146,8 @@ impl ImageSettings {
         self.piece.unwrap_or(SampleRange { first: 0, end: self.spp })
     }
 
-    /// Whether pixels with noise around them get samples that others do without. With `noise`, blocks get samples until
-    /// they have enough.
+    /// Whether adaptive sampling has a fixed budget: pixels with noise around them get more samples than others. With
+    /// `noise`, blocks get samples until their error is small enough instead.
     pub(crate) fn shares_samples(&self) -> bool {
         self.sampling == Sampling::Adaptive && self.spp > 2 && self.noise.is_none()
     }
@@ -175,8 +175,8 @@ impl Default for ImageSettings {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct VisibilityMapSettings {
-    /// Visibility photons emitted from each light, 1 to [`Settings::MAX_PHOTONS`]. `None`: as many as
-    /// [`Settings::photons_per_light`] says.
+    /// Visibility photons emitted from each light, 1 to [`Settings::MAX_PHOTONS`]. `None`: the number of
+    /// [`Settings::photons_per_light`].
     #[serde(rename = "photons")]
     pub photons_per_light: Option<u32>,
     /// Nearest photons that classify a point: k of the paper, 1 to [`Settings::MAX_NEAREST`].
@@ -216,8 +216,8 @@ impl Default for VisibilityMapSettings {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct ShadowRaySettings {
-    /// Light points, each with a shadow ray, that a boundary point samples: 1 to [`Settings::MAX_SHADOW_SAMPLES`]. It
-    /// samples one of point, spot and directional lights, whose light comes from a single direction.
+    /// Light points, each with a shadow ray, that a boundary point samples: 1 to [`Settings::MAX_SHADOW_SAMPLES`]. For
+    /// point, spot and directional lights it is one, because their light comes from a single direction.
     #[serde(rename = "shadow_samples")]
     pub samples: u32,
 }
@@ -256,7 +256,7 @@ pub struct IndirectSettings {
     /// third.
     pub max_bounces: u32,
     /// Photons emitted for the global map, from all lights together and by their power: 1 to [`Settings::MAX_PHOTONS`].
-    /// `None`: as many as [`Settings::flux_photons`] says.
+    /// `None`: the number of [`Settings::flux_photons`].
     #[serde(rename = "flux_photons")]
     pub photons: Option<u32>,
     /// Upper limit of the indirect light that a path adds to its sample, for each of red, green and blue: more than 0,
@@ -289,8 +289,8 @@ pub struct IrradianceCacheSettings {
     /// Radius of a record over the harmonic mean distance of the surfaces around it (a of Ward and Heckbert 1992):
     /// smaller is more accurate. More than 0, at most [`Settings::MAX_ACCURACY`].
     pub accuracy: f32,
-    /// Gather rays per record, 1 to [`Settings::MAX_GATHER_RAYS`], rounded up to a power of two. `None`: as many as
-    /// [`Settings::gather_rays`] says.
+    /// Gather rays per record, 1 to [`Settings::MAX_GATHER_RAYS`], rounded up to a power of two. `None`: the number of
+    /// [`Settings::gather_rays`].
     pub gather_rays: Option<u32>,
 }
 

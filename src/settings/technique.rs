@@ -5,7 +5,7 @@ use std::hash::{Hash, Hasher};
 
 use serde::{Serialize, Serializer};
 
-/// How light is computed. [`Technique::all`] lists all of them; the name tells them apart.
+/// How light is computed. [`Technique::all`] lists all techniques; the name identifies one.
 #[derive(Clone, Copy)]
 pub struct Technique(&'static Description);
 
@@ -140,7 +140,7 @@ impl Technique {
         matches!(self.requirements().visibility, Visibility::Cells | Visibility::Voxels)
     }
 
-    /// Whether lists of the surfaces around each light tell, before the first sample, what may hide it.
+    /// Whether lists of the surfaces around each light, made before the first sample, show what may hide the light.
     pub fn uses_light_buffers(self) -> bool {
         self.requirements().visibility == Visibility::LightBuffer
     }

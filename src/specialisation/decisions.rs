@@ -55,13 +55,13 @@ impl Specialisation {
 }
 
 impl Item {
-    /// The feature's name, as kernels know it.
+    /// The feature's name in kernels.
     pub fn name(&self) -> &'static str {
         self.feature.name()
     }
 }
 
-/// A feature that a plan cannot decide, because it opens no device and builds no hierarchy.
+/// A feature that a plan cannot decide, because it opens no device and builds no BVH.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Deferred {
     /// Its name.

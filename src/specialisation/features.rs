@@ -14,7 +14,7 @@ kernel_kit::features! {
         Interleave,
         /// Device: subgroups have eight lanes, which trace their rays together.
         Packets,
-        /// Scene: the hierarchy is shallow, so a short traversal stack is enough.
+        /// Scene: the BVH is shallow, so a short traversal stack is enough.
         ShallowBvh,
         /// Scene: meshes are stored once and placed by instances.
         Instances,
@@ -98,7 +98,7 @@ kernel_kit::features! {
         Cells,
         /// Method: a cell decides only if its neighbours agree with it.
         VoxelTags,
-        /// Method: lists of the surfaces around each light tell what may hide it.
+        /// Method: lists of the surfaces around each light show what may hide it.
         LightBuffer,
         /// Method: lights are tested in the order of their potential contribution.
         Ward,
@@ -129,14 +129,14 @@ kernel_kit::features! {
         SpecularChains,
         /// Method: a photon map of its own holds caustics.
         Caustics,
-        /// Method: irradiance points know the light that only focusing surfaces have scattered.
+        /// Method: irradiance points store the part of the irradiance that only focusing surfaces have scattered.
         CausticIrradiance,
         /// Method: irradiance records hold the diffuse part of indirect light.
         IrradianceCache,
         /// Method: paths carry indirect light, and another pass carries direct light.
         Indirect,
-        /// Scene: some light is not small beside the lobes of all glossy surfaces, so that rays sampled from the BSDF
-        /// complement light points.
+        /// Scene: some light is not small compared with the lobes of all glossy surfaces, so that rays sampled from the
+        /// BSDF complement light points.
         BsdfRays,
         /// Method: paths are single rays from the points where they may hit a light.
         Highlights,

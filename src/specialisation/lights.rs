@@ -168,7 +168,7 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
     }
 }
 
-/// Whether a light has so many triangles that points sample one by power, without evaluating the contribution of each.
+/// Whether a light has too many triangles to evaluate the contribution of each, so that points sample one by power.
 pub fn has_many_emitters(light: &Light) -> bool {
     matches!(&light.kind, LightKind::Mesh { emitters, .. } if emitters.len() > FEW_EMITTERS as usize)
 }

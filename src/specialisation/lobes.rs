@@ -7,7 +7,7 @@ use crate::specialisation::features::{Feature, Features};
 pub(crate) struct LobeFeature {
     /// The feature that puts it in the kernels.
     pub feature: Feature,
-    /// Its part in the kernels. None for what the shaders of all lobes have already.
+    /// Its part in the kernels. `None` if its code is a part of the shaders of all lobes.
     pub part: Option<Part>,
     /// Whether a material needs it.
     pub has: fn(&Material) -> bool,
@@ -21,8 +21,8 @@ pub(crate) struct LobeFeature {
     pub tangents: bool,
 }
 
-/// What a lobe does to light. It decides which functions of the lobe's file, `shaders/lib/bsdf/NAME.wgsl`, the shaders
-/// call. NAME is the name of the feature. Every file has these:
+/// The effect of a lobe on light. It decides which functions of the lobe's file, `shaders/lib/bsdf/NAME.wgsl`, the
+/// shaders call. NAME is the name of the feature. Every file has these:
 ///
 /// - `Name` and `NameFactors`, the types of the lobe at a hit and of what its textures contribute;
 /// - `NAME_untextured`, `NAME_textures` and `NAME_texture`: the factors without a texture, a bit for each texture that

@@ -116,11 +116,11 @@ impl Specialisation {
         self
     }
 
-    /// Decides what depends on the device and the hierarchy. A plan opens no device and builds no hierarchy.
+    /// Decides what depends on the device and the BVH. A plan opens no device and builds no BVH.
     pub(crate) fn of_device(&mut self, gpu: &Gpu, scene: &Scene, bvh: &Bvh) {
         self.features = device_features(gpu, std::mem::take(&mut self.features));
         self.features.set(Feature::ShallowBvh, bvh.is_shallow());
-        // Nodes for packets take more than twice the texels: of the largest hierarchies they do not fit a texture.
+        // Nodes for packets take more than twice as many texels: those of the largest BVHs do not fit a texture.
         let packets = self.features.has(Feature::Packets)
             && !self.features.has(Feature::Instances)
             && bvh.packet_texels() <= gpu.max_table_records()

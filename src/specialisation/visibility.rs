@@ -10,15 +10,15 @@ use crate::specialisation::features::Feature;
 /// The reason why the environment has no visibility photons.
 const NO_PHOTONS: &str = "nearly every point sees a part of it, so photons would find boundaries everywhere";
 
-/// Shadow rays, of all points that face a light, from which on photons and cells save time. Render time over that of
-/// `two-pass` in `scenes/{box,sphere,crowd,procedural,materials}.glb`: 0.53 to 1.01 with 2 to 4 million shadow rays
-/// (256 x 256 pixels, 16 samples), 0.6 to 0.91 with 5 to 8 million, 0.5 to 0.72 with 9 to 16 million
+/// Number of shadow rays, over all points that face a light, above which photons and cells save time. Render time over
+/// that of `two-pass` in `scenes/{box,sphere,crowd,procedural,materials}.glb`: 0.53 to 1.01 with 2 to 4 million shadow
+/// rays (256 x 256 pixels, 16 samples), 0.6 to 0.91 with 5 to 8 million, 0.5 to 0.72 with 9 to 16 million
 /// (docs/decisions.md).
 pub(crate) const SHADOW_RAYS_OF_MAP: f64 = 2_097_152.0;
 
-/// Samples per pixel from which on they do: fewer leave too little for fine cells to learn. With 4 million shadow rays
-/// `scenes/crowd.glb` took 1.17 times as long as by `two-pass` with 4 samples of 512 x 512 pixels, and 0.9 times with
-/// 16 of 256 x 256.
+/// Minimum samples per pixel for photons and cells to save time: with fewer, fine cells learn too little. With 4
+/// million shadow rays `scenes/crowd.glb` took 1.17 times as long as with `two-pass` at 4 samples of 512 x 512 pixels,
+/// and 0.9 times at 16 samples of 256 x 256.
 pub(crate) const SAMPLES_OF_MAP: u32 = 8;
 
 /// Whether photons and cells may save more time than they take, or are requested.
@@ -53,7 +53,7 @@ impl Specialisation {
         let many = placed > MAX_LIGHTS as usize;
         let few_sampled = self.features.has(Feature::LightSampling);
         let unneeded = if few_sampled {
-            // With 64 lights of scenes/lamps.glb it left half of the candidates to shadow rays.
+            // With 64 lights of scenes/lamps.glb the map left half of the candidates to shadow rays.
             "points sample a few of many lights: the map costs more than it saves".to_owned()
         } else if many {
             format!("a photon's word has room for {MAX_LIGHTS} lights")
@@ -105,7 +105,7 @@ impl Specialisation {
         wanted
     }
 
-    /// Decides on fine cells. `mapped`: there is a visibility map; `shown`: what its photons tell is shown.
+    /// Decides on fine cells. `mapped`: there is a visibility map; `shown`: the image shows the classes by photons.
     fn of_fine_cells(&mut self, settings: &Settings, mapped: bool, shown: bool) {
         let unneeded = if !mapped {
             "photons classify no points"

@@ -1,18 +1,18 @@
-//! What audits say about the visibility map, with confidence intervals.
+//! Estimates about the visibility map from audits, with confidence intervals.
 
 use serde::Serialize;
 use statrs::distribution::{Beta, ContinuousCDF};
 
-/// What audits found about the decided points.
+/// Results of the audits of decided points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Audits {
     /// Decided points that were audited.
     pub audited: u64,
-    /// Those whose shadow ray contradicted the class.
+    /// Audited points whose shadow ray contradicted the class.
     pub wrong: u64,
     /// Estimated miss bias: the mean of |V - c| over all points.
     pub miss_bias: f64,
-    /// Its 95 % interval: those of Jeffreys of points near boundaries and of the others, combined.
+    /// Its 95 % interval, combined from Jeffreys intervals for points near boundaries and for the others.
     pub miss_bias_interval: [f64; 2],
 }
 
@@ -24,7 +24,7 @@ pub struct Stratum {
     pub share: f64,
     /// Audited points.
     pub audited: u64,
-    /// Those whose shadow ray contradicted the class.
+    /// Audited points whose shadow ray contradicted the class.
     pub wrong: u64,
     /// Estimated share that is wrong: their share of the audited points, unless batches of samples had different
     /// probabilities of audits.
@@ -69,13 +69,13 @@ pub(crate) fn wilson(part: u64, whole: u64) -> (f64, f64) {
     ((p + Z * Z / (2.0 * n)) / scale, Z / scale * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt())
 }
 
-/// If there are this many of both kinds, Wilson's interval is used for that of Jeffreys: they differ by a fiftieth of
-/// their width or less, and the continued fraction of the beta distribution would need more and more steps.
+/// If both kinds have at least this many, Wilson's interval is used instead of Jeffreys': they differ by at most a
+/// fiftieth of their width, and the continued fraction of the beta distribution would need ever more steps.
 const MANY: u64 = 1000;
 
-/// The interval of Jeffreys at 95 % of a share, estimated by `part` of `whole` (Brown, Cai and DasGupta 2001): for the
-/// few wrong audits that a render has, Wilson's interval misses the true share in one of ten renders, and that of
-/// Clopper and Pearson in none.
+/// The 95 % Jeffreys interval of a share that is estimated by `part` of `whole` (Brown, Cai and DasGupta 2001). With
+/// the few wrong audits of a render, Wilson's interval misses the true share in one of ten renders; the interval of
+/// Clopper and Pearson is so wide that it never does.
 fn jeffreys(part: u64, whole: u64) -> [f64; 2] {
     if part.min(whole - part) >= MANY {
         let (centre, half_width) = wilson(part, whole);
@@ -104,7 +104,7 @@ fn quantile(beta: &Beta, p: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Distributions whose quantiles or probabilities have a closed form.
+    /// Quantiles agree with distributions whose quantiles or probabilities have a closed form.
     #[test]
     fn quantiles_are_those_of_closed_forms() {
         for p in [0.025, 0.5, 0.975] {

@@ -1,6 +1,6 @@
 //! The counters of kernels.
 
-/// What kernels count, each in its own word of the buffer `counters`; the host adds them up.
+/// Counts by kernels, each in its own word of the buffer `counters`; the host sums them.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
@@ -37,9 +37,9 @@ pub enum Counter {
     Unknown,
     /// Decided points near boundaries: with photons of both kinds in reach of their cell.
     Near,
-    /// Those of them that are audited.
+    /// Points near boundaries that are audited.
     NearAudited,
-    /// Those of them whose shadow ray contradicted the class.
+    /// Audited points near boundaries whose shadow ray contradicted the class.
     AuditsWrongNear,
     /// [`super::Conditioning::near_overflow`].
     NearOverflow,
@@ -61,7 +61,8 @@ pub enum Counter {
     ProceduralOverruns,
     /// [`super::Conditioning::procedural_invalid`]: likewise.
     ProceduralInvalid,
-    /// Points that pass `shade` adds other terms to than those that classes tell; once for each chunk of lights.
+    /// Points for which pass `shade` samples light points, because some terms are not given by classes; once for each
+    /// chunk of lights.
     Sampled,
 }
 

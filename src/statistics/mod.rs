@@ -1,4 +1,4 @@
-//! What a render did: counts, shares with their intervals, times. `docs/statistics.md` describes the JSON form.
+//! Statistics of a render: counts, shares with their intervals, times. `docs/statistics.md` describes the JSON form.
 
 mod audits;
 mod counter;
@@ -37,19 +37,19 @@ pub struct Statistics {
     pub points: Points,
     /// Photons by light.
     pub photons: Vec<LightPhotons>,
-    /// What indirect light is made of.
+    /// Photons and records of indirect light.
     pub indirect: Indirect,
-    /// What audits found.
+    /// Results of the audits.
     pub audits: Audits,
     /// Samples that were not finite, and left out of the image.
     pub not_finite: u64,
-    /// What the render noticed of its own arithmetic and limits.
+    /// Numerical problems and limits that the render met.
     pub conditioning: Conditioning,
     /// Seconds.
     pub time: Times,
     /// Bytes.
     pub memory: Memory,
-    /// What the scene has.
+    /// Counts of the scene.
     pub scene: SceneCounts,
     /// What the kernels were composed of.
     pub kept: Vec<String>,
@@ -64,7 +64,7 @@ pub struct Statistics {
 pub struct Rays {
     /// From the camera.
     pub camera: u64,
-    /// Of photons: from lights, and on through the scene.
+    /// Rays of photons: from lights, and further through the scene.
     pub photon: u64,
     /// From the cells of a grid to lights, before the first sample.
     pub cell: u64,
@@ -74,14 +74,14 @@ pub struct Rays {
     pub audit: u64,
     /// From surfaces along a sampled direction.
     pub bounce: u64,
-    /// Of final gathers, and from the camera to points that may need one.
+    /// Rays of final gathers, and camera rays to points that may need one.
     pub gather: u64,
-    /// All of them.
+    /// All rays.
     pub total: u64,
 }
 
 impl Rays {
-    /// With `total` the sum of the rest.
+    /// The same with `total` set to the sum of the rest.
     pub fn summed(mut self) -> Self {
         self.total = self.camera + self.photon + self.cell + self.shadow + self.audit + self.bounce + self.gather;
         self
@@ -155,8 +155,8 @@ pub struct Indirect {
     pub records: u64,
 }
 
-/// What a render notices of its own arithmetic and limits. Where a count says that the image may be wrong or needlessly
-/// expensive, [`Statistics::notes`] has a line on it, and an EXR has the attribute `penumbra:conditioning`.
+/// Counts of numerical problems and limits. If a count shows that the image may be wrong or needlessly expensive,
+/// [`Statistics::notes`] has a line on it, and an EXR has the attribute `penumbra:conditioning`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Conditioning {
     /// Values that were not finite, by the pass that made them.
@@ -234,7 +234,7 @@ pub struct Times {
     pub compile: f64,
     /// Photons, grid and all samples.
     pub render: f64,
-    /// Removing noise from the image; only the caller of [`crate::Renderer::add_denoised`] knows it.
+    /// Denoising the image; 0 until the caller of [`crate::Renderer::add_denoised`] sets it.
     pub denoise: f64,
     /// On the device, by kernel and entry point; empty where the device has no timestamps.
     pub passes: BTreeMap<String, f64>,
@@ -251,10 +251,10 @@ pub struct Memory {
     pub frame: u64,
 }
 
-/// What the scene has.
+/// Counts of the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SceneCounts {
-    /// Triangles; those of a mesh that instances share once.
+    /// Triangles; a mesh that instances share counts once.
     pub triangles: u64,
     /// Instances of meshes that are stored once.
     pub instances: u64,

@@ -18,7 +18,7 @@ pub(crate) struct Decided {
     pub wrong: u64,
 }
 
-/// Audits and the mistakes that they found, those of later samples with more weight.
+/// Audits, and the mistakes that they found; later samples have more weight.
 #[derive(Clone, Copy, Default, Serialize, Deserialize)]
 pub(crate) struct RecentAudits {
     pub audited: f64,
@@ -31,9 +31,9 @@ pub(crate) struct Totals {
     counters: [u64; Counter::COUNT],
     /// Decided points of batches with audits, near boundaries and away from them.
     decided: [u64; 2],
-    /// Estimated number of them that have a wrong class.
+    /// Estimated number of these points that have a wrong class.
     wrong: [f64; 2],
-    /// Near boundaries, and away from them.
+    /// Recent audits near boundaries, and away from them.
     recent_audits: [RecentAudits; 2],
     camera_rays: u64,
     pub photons: Vec<LightPhotons>,
@@ -69,8 +69,8 @@ impl Totals {
     }
 
     /// Adds the points that queried the visibility map, and the unknown ones among them, from the counters that
-    /// [`Totals::add`] takes. With an environment one in `lights` is a point of that, which has no photons and is
-    /// always unknown.
+    /// [`Totals::add`] takes. With an environment, one in `lights` candidates belongs to it; it has no photons, so
+    /// these are always unknown.
     pub fn add_mapped(&mut self, counters: &[u32], lights: usize, has_environment: bool) {
         let [dark, lit, shadowed, boundary, unknown] =
             [Counter::Dark, Counter::Lit, Counter::Shadowed, Counter::Boundary, Counter::Unknown]
@@ -117,10 +117,10 @@ impl Totals {
     }
 
     /// # Errors
-    /// [`Error::Computation`] where so many rays exceeded the loop budget that the image would be wrong.
+    /// [`Error::Computation`] if too many rays exceeded the loop budget, so that the image would be wrong.
     pub fn check(&self) -> Result<()> {
         let overruns = self.get(Counter::Overrun);
-        // Of samples and not of rays: a path is lost as a whole, and it may have been thousands of rays.
+        // The share is of samples, not of rays: a path is lost as a whole, and may have had thousands of rays.
         let samples = self.camera_rays;
         if overruns as f64 <= MAX_OVERRUNS * samples as f64 {
             return Ok(());
@@ -200,8 +200,9 @@ impl Totals {
         [near, away]
     }
 
-    /// Near boundaries, and away from them: the audits of a batch weigh in proportion to the decided points until its
-    /// end. Each mistake found divides its cell, so that mistakes become rare as samples become many.
+    /// Audits near boundaries, and away from them. Earlier audits are scaled by the share of decided points that came
+    /// before the latest batch, so that later audits have more weight. This is because each mistake found divides its
+    /// cell, and mistakes become rare as samples are added.
     pub fn recent_audits(&self) -> [RecentAudits; 2] {
         self.recent_audits
     }
@@ -228,8 +229,8 @@ impl Totals {
 mod tests {
     use super::*;
 
-    /// A hundred audits of the first thousand points, two of them wrong, and as many of the next three thousand, where
-    /// none is: the first then weigh a quarter. A batch without audits changes nothing.
+    /// A hundred audits of the first thousand points find two mistakes; a hundred of the next three thousand find none.
+    /// The first audits then have a weight of a quarter. A batch without audits changes nothing.
     #[test]
     fn later_audits_weigh_more() {
         let mut totals = Totals::default();
@@ -245,9 +246,9 @@ mod tests {
         assert_eq!([away.audited, away.wrong], [125.0, 0.5]);
     }
 
-    /// Two batches with different probabilities of audits: of 1,000 points with one audit in two, 10 of 500 audits are
-    /// wrong, and of 9,000 with one in nine, 2 of 1,000. So 20 + 18 classes of 10,000 are wrong, 0.0038; audits taken
-    /// together would tell 12 of 1,500, 0.008.
+    /// Two batches with different audit probabilities. Of 1,000 points, one in two is audited, and 10 of 500 audits are
+    /// wrong. Of 9,000 points, one in nine is audited, and 2 of 1,000 are wrong. So the estimate is 20 + 18 wrong
+    /// classes of 10,000, or 0.0038; all audits taken together would give 12 of 1,500, or 0.008.
     #[test]
     fn batches_are_audited_with_different_probabilities() {
         let mut totals = Totals::default();
@@ -263,7 +264,7 @@ mod tests {
         assert!((audits.miss_bias - 0.0038).abs() < 1e-12, "{}", audits.miss_bias);
         assert_eq!((audits.audited, audits.wrong), (1500, 12));
         let [low, high] = audits.miss_bias_interval;
-        // As that of 12 of 1,500, which has ends at about half and twice of its middle.
+        // The ends are about half and twice the estimate, as in an interval for 12 of 1,500.
         assert!(
             low > 0.0038 / 2.5 && low < 0.0038 / 1.5 && high > 1.5 * 0.0038 && high < 2.5 * 0.0038,
             "{low}, {high}"

@@ -9,7 +9,7 @@ use crate::{Error, Image, Renderer, Result, Settings, Statistics, Technique};
 pub struct Family {
     /// Name on the command line.
     pub name: &'static str,
-    /// What is rendered, and what the image should be.
+    /// The scene, and the expected image.
     pub title: &'static str,
     /// The parameter, with its unit.
     pub parameter: &'static str,

@@ -1,4 +1,4 @@
-//! The technique of a render that names none, and which pixels get how many of its samples.
+//! The technique of a render that names none, and how its samples are distributed over pixels.
 
 use kernel_kit::Gpu;
 
@@ -15,18 +15,18 @@ use crate::specialisation::features::Feature;
 pub struct Choice {
     /// The technique.
     pub technique: Technique,
-    /// The reason; none for the default.
+    /// The reason; `None` for the default.
     pub reason: Option<String>,
-    /// Which pixels get how many samples.
+    /// How samples are distributed over pixels.
     pub sampling: Sampling,
-    /// Seconds from the imported scene to the first sample, as expected where nothing is known of the machine; none for
-    /// another technique than the default, and for devices and settings that were not measured.
+    /// Expected seconds from the imported scene to the first sample, before the speed of the machine is known. `None`
+    /// for another technique than the default, and for devices and settings that were not measured.
     pub first_sample: Option<f64>,
 }
 
-/// What the first sample of the default technique takes on a software device of two cores once the scene is imported,
-/// in seconds. Fitted to the scenes of `scenes/` at 128, 256 and 512 pixels each way, with kernels compiled before
-/// (docs/decisions.md, "A technique for the time").
+/// Parts of the time of the default technique's first sample, in seconds, on a software device of two cores after the
+/// scene is imported. Fitted to the scenes of `scenes/` at 128, 256 and 512 pixels each way, with kernels compiled
+/// before (docs/decisions.md, "A technique for the time").
 mod seconds {
     /// Composing kernels of Lambertian surfaces.
     pub const KERNELS: f64 = 0.26;
@@ -34,7 +34,7 @@ mod seconds {
     pub const GLOSSY_KERNELS: f64 = 0.07;
     /// More for kernels of caustics or of procedural objects.
     pub const LARGE_KERNELS: f64 = 0.28;
-    /// The hierarchy, for a triangle.
+    /// The BVH, for a triangle.
     pub const TRIANGLE: f64 = 1.5e-6;
     /// Irradiance records and camera rays, for a pixel.
     pub const PIXEL: f64 = 4.4e-7;
@@ -46,7 +46,7 @@ mod seconds {
     pub const SHADOW_RAY: f64 = 1.2e-7;
     /// More for each doubling of the triangles.
     pub const SHADOW_RAY_LEVEL: f64 = 8e-9;
-    /// Photons that tell which lights reach a zone, for each of many lights.
+    /// Photons that show which lights reach a zone, for each of many lights.
     pub const LIGHT_OF_ZONES: f64 = 1.2e-3;
 }
 
@@ -58,8 +58,8 @@ const MEASURED_CORES: f64 = 2.0;
 /// by a tenth of the time.
 const MIN_TIMES: f64 = 0.9;
 
-/// As [`MIN_TIMES`], in open scenes. In the crowd a single sample has 4.5 times the error of the eight samples that
-/// `path` has by then; in the scene with the ball it has about that of eleven. The samples after it take little time.
+/// Like [`MIN_TIMES`], for open scenes. In the crowd, a single sample has 4.5 times the error of the eight samples that
+/// `path` has by then; in the scene with the ball, it has about the error of eleven. Further samples take little time.
 const MIN_TIMES_IN_THE_OPEN: f64 = 1.4;
 
 /// Adaptive sampling is used if the time is at least this multiple of the expected time of the first sample. In less
@@ -146,7 +146,7 @@ fn max_times_of_paths(scene: &Scene) -> f64 {
     if scene.lights.iter().all(is_sky) { MAX_TIMES_OF_PATHS_UNDER_A_SKY } else { MAX_TIMES_OF_PATHS }
 }
 
-/// Whether paths can do all that the settings ask for: nothing is set that only photons, records or shadow rays follow.
+/// Whether `path` can satisfy all settings: none is set that affects only photons, records or shadow rays.
 fn is_free(settings: &Settings) -> bool {
     let Settings { visibility_map, shadow_rays, indirect, image, .. } = settings;
     let is_usual = *visibility_map == VisibilityMapSettings::default()

@@ -1,9 +1,10 @@
 //! The light buffer (Haines and Greenberg 1986), for comparison with shadow photons: the directions around each light
 //! are divided into cells, and each cell lists the surfaces that may hide the light from what lies in it. A point
-//! traces shadow rays only if its list does not tell that the light is visible, or hidden by a single triangle.
+//! traces shadow rays unless its list shows that the light is visible, or is hidden by a single triangle.
 //!
-//! The original has point lights alone, of which the list tells everything. Here lights may have a surface: what is
-//! listed is all that may hide some part of it. Shadow rays are traced through the hierarchy, not through the lists.
+//! The original has only point lights, whose visibility the list decides completely. Here lights may have a surface,
+//! and a list has every surface that may hide some part of the light. Shadow rays are traced through the BVH, not
+//! through the lists.
 
 use super::passes::{Implementation, indirect_light};
 use super::two_pass;

@@ -1,5 +1,5 @@
 //! Path tracing, the reference: unidirectional, with next-event estimation and multiple importance sampling (Kajiya
-//! 1986). It shares only the scene, the hierarchy and the BSDFs with the photon code.
+//! 1986). It shares only the scene, the BVH and the BSDFs with the photon code.
 
 use super::passes::Implementation;
 use crate::Result;

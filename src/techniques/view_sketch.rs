@@ -1,4 +1,4 @@
-//! A rough look at what a camera sees, by a few rays on the CPU.
+//! A rough estimate of what a camera sees, from a few rays on the CPU.
 
 use std::f64::consts::TAU;
 
@@ -8,21 +8,21 @@ use rayon::prelude::*;
 use crate::gpu_scene::CameraUniform;
 use crate::scene::{Camera, Scene, SurfaceSearch};
 
-/// Rays from the camera along each axis of the image. The shares of so many are right within a few hundredths.
+/// Rays from the camera along each axis of the image. With this many, shares are right within a few hundredths.
 const SIDE: u32 = 16;
 
 /// The next ray starts above the surface by this share of the way to it, far more than rounding in double precision.
 const OFFSET: f64 = 1e-4;
 
 /// Models by themselves cover 0.10 to 0.49 of the image. A ball on a floor covers 0.59, and there `path` has the larger
-/// error from the first sample of the default technique on.
+/// error once the default technique has its first sample.
 const MAX_COVERAGE: f64 = 0.5;
 
 /// Share of the pixels whose path meets a second surface: 0.004 to 0.075 for models by themselves, 0.21 to 1 in rooms
 /// and landscapes.
 const MAX_SECOND_SURFACES: f64 = 0.1;
 
-/// As [`MAX_SECOND_SURFACES`], for what lies in the open, such as the crowd with 0.21.
+/// Like [`MAX_SECOND_SURFACES`], for open scenes, such as the crowd with 0.21.
 const MAX_SECOND_SURFACES_IN_THE_OPEN: f64 = 0.3;
 
 /// Whether most paths end after one surface, as they leave the scene.
@@ -30,16 +30,17 @@ pub fn shows_the_open(scene: &Scene, camera: &Camera, size: [u32; 2]) -> bool {
     second_surfaces(scene, camera, size) < MAX_SECOND_SURFACES_IN_THE_OPEN
 }
 
-/// Whether the image shows a model by itself: most pixels are empty, and few paths go on from one surface to another.
-/// Many samples of paths take little time there, and little of the light is indirect, which is what needs records.
+/// Whether the image shows a model by itself: most pixels are empty, and few paths continue from one surface to
+/// another. There many samples of `path` take little time, and little of the light is indirect, so records are hardly
+/// needed.
 pub fn shows_a_model_by_itself(scene: &Scene, camera: &Camera, [width, height]: [u32; 2]) -> bool {
     let aspect = width as f32 / height as f32;
     scene.covered_share(camera, aspect) < MAX_COVERAGE
         && second_surfaces(scene, camera, [width, height]) < MAX_SECOND_SURFACES
 }
 
-/// Share of the pixels whose path meets a second surface, by a ray through each of some points of the image and one
-/// from the surface that it meets, in a direction drawn in proportion to its cosine.
+/// Share of the pixels whose path meets a second surface. It is estimated from rays through some points of the image,
+/// and for each surface hit from one more ray, in a direction sampled in proportion to the cosine.
 fn second_surfaces(scene: &Scene, camera: &Camera, [width, height]: [u32; 2]) -> f64 {
     let uniform = CameraUniform::new(camera, width, height);
     let range = f64::from(camera.near)..=f64::from(camera.far);

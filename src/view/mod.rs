@@ -1,7 +1,7 @@
 //! The window of `penumbra view` (Cargo feature `view`).
 //!
-//! A [`session`] renders a scene through a camera that moves; it knows no window. The [`worker`] is the thread that it
-//! runs in. The [`panel`] turns what the user does into commands, and the [`window`] is what the system sees.
+//! A [`session`] renders a scene through a moving camera, without a window. The [`worker`] is the thread that it runs
+//! in. The [`panel`] turns the user's actions into commands, and the [`window`] connects both to the system.
 
 mod navigation;
 mod overlay;

@@ -17,8 +17,8 @@ const DIGITS: i32 = 6;
 /// Height of the right axis of a camera that counts as upright: rounding leaves less.
 const LEVEL: f64 = 1e-5;
 
-/// Turns the camera about what it looks at: by half a turn to the right for 1 of `right`, and by half a turn upward for
-/// 1 of `up`. Its own direction that is up stays up.
+/// Turns the camera about its target: `right` = 1 is half a turn to the right, `up` = 1 is half a turn upward. The
+/// camera's own up direction stays up.
 pub fn orbit(view: &LookAt, [right, up]: [f64; 2]) -> LookAt {
     let arm = view.from - view.at;
     let distance = arm.length();
@@ -30,13 +30,13 @@ pub fn orbit(view: &LookAt, [right, up]: [f64; 2]) -> LookAt {
     LookAt { from: view.at + distance * turned, ..*view }
 }
 
-/// Moves the camera and what it looks at along the image, by shares of its height: what it looks at moves in the image
-/// by as much the other way.
+/// Moves the camera and its target parallel to the image, by shares of the image's height. The target appears to move
+/// by the same amount the other way.
 pub fn pan(view: &LookAt, [right, up]: [f64; 2]) -> LookAt {
     fly(view, DVec3::new(right, up, 0.0) * seen_height(view))
 }
 
-/// The height that the camera sees at the distance of what it looks at.
+/// The height that the camera sees at the distance of its target.
 fn seen_height(view: &LookAt) -> f64 {
     match view.extent {
         Extent::FieldOfView(fov) => 2.0 * (0.5 * fov.to_radians()).tan() * view.from.distance(view.at),
@@ -44,8 +44,8 @@ fn seen_height(view: &LookAt) -> f64 {
     }
 }
 
-/// Moves the camera towards what it looks at: by 1 to 1 / e of the distance. An orthographic camera sees as much less
-/// instead, and stays where it is.
+/// Moves the camera towards its target: one step leaves 1 / e of the distance. An orthographic camera stays in place,
+/// and the height that it sees shrinks instead.
 pub fn dolly(view: &LookAt, steps: f64) -> LookAt {
     scaled(view, (-steps).exp())
 }
@@ -58,7 +58,7 @@ fn scaled(view: &LookAt, share: f64) -> LookAt {
     }
 }
 
-/// Moves the camera and what it looks at along its axes: right, up and forward, in the units of the file.
+/// Moves the camera and its target along the camera's axes: right, up and forward, in the units of the file.
 pub fn fly(view: &LookAt, way: DVec3) -> LookAt {
     let Some([right, up, backward]) = view.axes() else { return *view };
     let way = way.x * right + way.y * up - way.z * backward;
@@ -88,8 +88,8 @@ pub fn around(view: &LookAt, centre: DVec3, radius: f64, aspect: f64) -> Option<
     Some(LookAt { from: centre + distance * backward, at: centre, up: view.up, extent })
 }
 
-/// A camera of the scene as one that can be moved. It looks at the point `depth` ahead, in normalised units. One that
-/// is rolled keeps its own direction that is up, all others +Y.
+/// A camera of the scene as a movable one. Its target is `depth` ahead, in normalised units. A rolled camera keeps its
+/// own up direction; for all others +Y is up.
 pub fn placed(scene: &Scene, camera: &Camera, depth: f32) -> LookAt {
     let ahead = camera.position - depth * camera.axes[2];
     let extent = match camera.projection {
@@ -102,7 +102,7 @@ pub fn placed(scene: &Scene, camera: &Camera, depth: f32) -> LookAt {
     LookAt { from: scene.normalisation.undo(camera.position), at: scene.normalisation.undo(ahead), up, extent }
 }
 
-/// The view with as few digits as a scene needs whose normalised size is `scale` of its own.
+/// The view with as few digits as the scene needs. `scale` is the scene's normalised size over its own.
 pub fn rounded(view: &LookAt, scale: f64) -> LookAt {
     let digits = scale.log10().ceil() as i32 + DIGITS;
     let extent = match view.extent {
@@ -114,7 +114,7 @@ pub fn rounded(view: &LookAt, scale: f64) -> LookAt {
     LookAt { from: all(view.from, digits), at: all(view.at, digits), up: all(view.up, DIGITS), extent }
 }
 
-/// A number with so many digits after its point; before it, where that is negative.
+/// A number rounded to `digits` digits after its point, or before it if `digits` is negative.
 fn short(x: f64, digits: i32) -> f64 {
     let unit = 10f64.powi(digits.abs());
     // A power of ten below 1 is not exact, and dividing by one above 1 rounds to the shortest decimal number.
@@ -168,7 +168,7 @@ mod tests {
         assert_near(dolly(&near, -1.0).from, VIEW.from);
     }
 
-    /// A camera that lies on its side stays there: what is up in its image stays so while it goes about that axis.
+    /// A camera that lies on its side stays so: orbiting turns it about its own up direction.
     #[test]
     fn an_orbit_keeps_the_roll() {
         let rolled = LookAt { up: DVec3::new(2.0, 0.0, 0.0), ..VIEW };

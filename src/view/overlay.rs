@@ -1,4 +1,4 @@
-//! What the window shows of an image: the picture, or what the method did to make it.
+//! What the window shows of an image: the picture, or how the method made it.
 
 use glam::Vec3;
 
@@ -10,7 +10,7 @@ use crate::render::photons::{NearestPhotons, VisibilityPhoton};
 use crate::scene::Camera;
 use crate::settings::Aov;
 
-/// What is shown.
+/// The content of the window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Overlay {
     /// The picture.
@@ -35,7 +35,7 @@ pub enum Overlay {
 }
 
 impl Overlay {
-    /// All of them, in the order of the panel.
+    /// All overlays, in the order of the panel.
     pub const ALL: [Overlay; 9] = [
         Overlay::Picture,
         Overlay::Classes,
@@ -63,7 +63,7 @@ impl Overlay {
         }
     }
 
-    /// What its colours mean.
+    /// The meaning of its colours.
     pub fn legend(self) -> &'static str {
         match self {
             Overlay::Picture => "",
@@ -129,8 +129,8 @@ const SHADOW: [u8; 3] = [70, 130, 255];
 /// Share of the picture's brightness behind photons.
 const BEHIND_PHOTONS: f32 = 0.4;
 
-/// How much deeper than the pixel's own surface a photon may be and be seen: photons lie on the surface, whose depth
-/// changes across the pixel.
+/// How much deeper than the pixel's own surface a photon may be and still be shown: photons lie on the surface, whose
+/// depth varies across the pixel.
 const PHOTON_DEPTH: f64 = 0.02;
 
 /// Relative errors that are shown black and white, as powers of ten.
@@ -139,13 +139,13 @@ const ERROR_DECADES: [f32; 2] = [-3.0, 0.0];
 /// Added to the brightness that errors are compared with, so that black is not infinitely wrong.
 const ERROR_FLOOR: f32 = 0.01;
 
-/// The darkest of the shades by which cells of a class are told apart, and the shade of their edges and of cells of the
-/// map.
+/// The darkest of the shades that distinguish cells of a class, and the shade of cell edges and of cells of the map.
 const DARKEST_CELL: f32 = 0.7;
 const CELL_EDGE: f32 = 0.5;
 const MAP_CELL: f32 = 0.6;
 
-/// The most divisions of cells whose edges are drawn: further parts are hardly larger than a pixel.
+/// Maximum number of divisions of cells whose edges are drawn: parts of further divisions are hardly larger than a
+/// pixel.
 const MAX_EDGED_LEVEL: u32 = 1;
 
 /// Points of the circle that is drawn around the nearest photons.
@@ -153,7 +153,7 @@ const CIRCLE_POINTS: u32 = 256;
 
 const MARK: [u8; 3] = [255, 255, 255];
 
-/// What is seen in an image besides its channels.
+/// Data that can be shown in an image besides its channels.
 #[derive(Clone, Copy)]
 pub struct Seen<'a> {
     /// All photons.
@@ -285,7 +285,7 @@ impl<'a> Sight<'a> {
         Sight { camera, size, depths: image.channel("Z"), scale: seen.scale }
     }
 
-    /// The pixel in which the camera sees a position of a surface; none if it does not.
+    /// The pixel in which the camera sees a position of a surface; `None` if it does not.
     fn pixel(&self, position: Vec3) -> Option<[u32; 2]> {
         let camera = &self.camera;
         let [right, up, backward] = [camera.right, camera.up, camera.backward].map(Vec3::from);
@@ -378,7 +378,7 @@ mod tests {
         pixels(&image(), &display, Seen { photons: &[], cells: None, nearest: None, camera: &camera, scale: 1.0 })
     }
 
-    /// Cells have the hues of their classes; cells of the map are darker, edges darker still, and none is black.
+    /// Cells have the hue of their class; cells of the map are darker, edges are darker still, and nothing is black.
     #[test]
     fn cells_have_shades_and_edges() {
         let cell = |class, kind, level, hash| ShownCell { class, kind, level, hash };

@@ -1,5 +1,5 @@
-//! The window's content: the picture, what moves its camera, and the panel beside it. It turns what the user does into
-//! requests.
+//! The window's content: the picture with its camera controls, and the panel beside it. It turns the user's actions
+//! into requests.
 
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -35,10 +35,10 @@ const MAX_F_NUMBER: f64 = 22.0;
 const OVERLAY_KEYS: [Key; Overlay::ALL.len()] =
     [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9];
 
-/// What the user wants.
+/// A request of the user.
 #[derive(Clone, Debug)]
 pub enum Request {
-    /// Of the session.
+    /// A command for the session.
     Command(Command),
     /// The command that renders the picture.
     Copy,
@@ -72,7 +72,7 @@ impl Copy {
 pub struct Panel {
     /// Whether the picture has the size of the window, and not one of its own.
     follows_window: bool,
-    /// As the user has set them; none before the first picture.
+    /// The user's choices; `None` before the first picture.
     choices: Option<Choices>,
     /// The scene that they are for.
     scene: PathBuf,
@@ -82,13 +82,13 @@ pub struct Panel {
     /// The copy of the scene with the camera, the camera's name, and whether the copy may replace a file.
     copy: Copy,
     texture: Option<TextureHandle>,
-    /// What the texture holds.
+    /// The picture in the texture.
     shown: Option<Arc<Vec<u8>>>,
     /// The size that was requested last.
     resized: Option<[u32; 2]>,
     /// The last command that was copied.
     copied: Option<String>,
-    /// How far the driver is with kernels; none once it has them.
+    /// Progress of the driver in compiling kernels; `None` once it has them.
     compilation: Option<Compilation>,
 }
 
@@ -309,7 +309,7 @@ impl Panel {
         });
     }
 
-    /// What writes the camera into a copy of the scene.
+    /// Controls that write the camera into a copy of the scene.
     fn copy(&mut self, ui: &mut Ui, snapshot: &Snapshot, requests: &mut Vec<Request>) {
         self.copy.name_after(&snapshot.picture.file);
         let Copy { file, name, replaces, .. } = &mut self.copy;
@@ -330,7 +330,7 @@ impl Panel {
     }
 }
 
-/// What the pointer and the keys do to the camera.
+/// Commands of the pointer and the keys to the camera.
 fn movements(ui: &Ui, response: &Response) -> Vec<Command> {
     let mut commands = Vec::new();
     let shares = |by: Vec2| [by.x, by.y].map(|x| f64::from(x / response.rect.height()));

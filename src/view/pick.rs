@@ -1,4 +1,4 @@
-//! What is at a pixel: the surface that the ray through its centre meets first.
+//! The surface at a pixel: the first one that the ray through its centre hits.
 
 use glam::DVec3;
 
@@ -12,7 +12,7 @@ pub struct Hit {
     pub material: String,
     /// Position in the file's world space.
     pub position: DVec3,
-    /// Unit normal of the triangle, towards the camera; none of an object that is a function.
+    /// Unit normal of the triangle, towards the camera; `None` for a procedural object.
     pub normal: Option<DVec3>,
     /// Depth along the direction of view, in the units of the file.
     pub depth: f64,

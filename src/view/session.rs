@@ -1,5 +1,5 @@
-//! A session: a scene, a camera, and a render of both that goes on until the picture is complete. It has no window:
-//! commands change it, and each step gives a picture to show.
+//! A session: a scene, a camera, and a render of both that continues until the picture is complete. It has no window:
+//! commands change it, and each step returns a picture to show.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -25,17 +25,17 @@ const SETTLED: Duration = Duration::from_millis(250);
 /// The time of a picture while the camera moves: twelve pictures a second.
 const MOVING_PICTURE: Duration = Duration::from_millis(80);
 
-/// By which the sides of the first picture are divided: 640 x 360 pixels become 160 x 90, where the time to make ready
-/// exceeds that of the sample (docs/view.md), and the scene can still be recognised.
+/// Divisor of the sides of the first picture: 640 x 360 pixels become 160 x 90. At that size preparation takes longer
+/// than the sample (docs/view.md), and the scene can still be recognised.
 const FIRST_DIVISOR: u32 = 4;
 
 /// Largest factor by which the sides of the picture are divided while the camera moves.
 const MAX_DIVISOR: u32 = 8;
 
-/// Share of the distance to a point that is left after looking at it from nearer.
+/// The share of the distance to a point that remains after moving the camera towards it.
 const NEARER: f64 = 0.5;
 
-/// Depth of what a camera looks at if nothing is in the centre of its image: about that of the scene's size.
+/// Depth of the camera's target if nothing is in the centre of its image: about the size of the scene.
 const EMPTY_DEPTH: f32 = 1.0;
 
 /// The channels that the film keeps besides the picture. They do not change it, and without them another overlay would
@@ -45,18 +45,18 @@ const KEPT: [Aov; 4] = [Aov::Albedo, Aov::Normal, Aov::Depth, Aov::Samples];
 /// The state of the scene that is shown.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pose {
-    /// Seconds after the beginning of the animation; none for the pose of the file.
+    /// Seconds after the beginning of the animation; `None` for the pose of the file.
     pub time: Option<f64>,
-    /// Variant of the materials; none for those of the file.
+    /// Variant of the materials; `None` for those of the file.
     pub variant: Option<String>,
-    /// Rotation of the environment in degrees; none for that of the command.
+    /// Rotation of the environment in degrees; `None` for that of the command.
     pub environment_rotation: Option<f64>,
 }
 
 /// Where the camera is.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Viewpoint {
-    /// As the command says.
+    /// The camera of the command.
     #[default]
     Given,
     /// A camera of the file, by its index.
@@ -65,18 +65,18 @@ pub enum Viewpoint {
     Placed(LookAt),
 }
 
-/// What the camera is.
+/// The state of the camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Eye {
     /// Where it is.
     pub viewpoint: Viewpoint,
-    /// Vertical field of view in degrees of a camera that was not moved; none for its own.
+    /// Vertical field of view in degrees of a camera that was not moved; `None` for its own.
     pub fov: Option<f64>,
-    /// F-number of the lens; none as the command says.
+    /// F-number of the lens; `None` for the command's.
     pub f_number: Option<f64>,
 }
 
-/// What the user sets besides the camera.
+/// The user's choices besides the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choices {
     /// The settings of the render, with the size of the picture.
@@ -87,14 +87,14 @@ pub struct Choices {
     pub display: Display,
 }
 
-/// What is shown: all that decides the picture.
+/// Everything that decides the picture.
 #[derive(Clone, Debug)]
 pub struct Picture {
     /// The scene's file.
     pub file: PathBuf,
     /// The camera.
     pub eye: Eye,
-    /// What the user has set.
+    /// The user's choices.
     pub choices: Choices,
 }
 
@@ -125,20 +125,20 @@ pub trait Source: Send + Sync {
     fn has_panorama(&self) -> bool;
 }
 
-/// What a session is told.
+/// A command to a session.
 #[derive(Clone, Debug)]
 pub enum Command {
-    /// Turn about what is looked at, by shares of half a turn: right, up.
+    /// Turn about the target, by shares of half a turn: right, up.
     Orbit([f64; 2]),
     /// Move along the image, by shares of its height: right, up.
     Pan([f64; 2]),
-    /// Approach what is looked at; see `navigation.rs`.
+    /// Approach the target; see `navigation.rs`.
     Dolly(f64),
     /// Move right, up and forward, by shares of the scene's size.
     Fly([f64; 3]),
     /// Set the vertical field of view in degrees.
     FieldOfView(f64),
-    /// Set the f-number; none for the lens of the command.
+    /// Set the f-number; `None` for the lens of the command.
     Aperture(Option<f64>),
     /// See the whole scene from this side.
     FrameAll,
@@ -171,7 +171,7 @@ pub enum Command {
     },
 }
 
-/// What photons say of a light at a pixel.
+/// The photons' classification of a pixel for a light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PickedLight {
     /// The light's name.
@@ -184,24 +184,24 @@ pub struct PickedLight {
     pub photons: [f32; 2],
 }
 
-/// What is at a pixel.
+/// Data about a pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picked {
     /// The point of the image, from 0 to 1 each way.
     pub at: [f32; 2],
-    /// The surface; none where there is nothing.
+    /// The surface; `None` where there is nothing.
     pub hit: Option<Hit>,
     /// The picture's radiance.
     pub radiance: Option<[f32; 3]>,
-    /// What photons say of each light; empty unless the overlay of classes is shown.
+    /// The photons' classification for each light; empty unless the overlay of classes is shown.
     pub lights: Vec<PickedLight>,
-    /// The point that is lit there, behind mirrors and glass; none before the picture is there.
+    /// The point that is shaded there, behind mirrors and glass; `None` before the picture is there.
     pub point: Option<SurfacePoint>,
-    /// The photons that decide it for the light that is shown; none without a visibility map.
+    /// The photons that decide it for the light that is shown; `None` without a visibility map.
     pub nearest: Option<NearestPhotons>,
 }
 
-/// A picture to show, and what is known of it.
+/// A picture to show, and data about it.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
     /// 8-bit RGB, row by row from the top.
@@ -216,7 +216,7 @@ pub struct Snapshot {
     pub seconds: f64,
     /// All that decides the picture.
     pub picture: Picture,
-    /// The field of view in degrees; none if the camera is orthographic.
+    /// The field of view in degrees; `None` if the camera is orthographic.
     pub fov: Option<f64>,
     /// Names of the file's cameras.
     pub cameras: Vec<String>,
@@ -224,13 +224,13 @@ pub struct Snapshot {
     pub lights: Vec<String>,
     /// Names of the variants of the materials.
     pub variants: Vec<String>,
-    /// End of the animation in seconds; none without one.
+    /// End of the animation in seconds; `None` without one.
     pub animation_end: Option<f64>,
     /// Whether the scene is shown with a panorama of the command line.
     pub has_panorama: bool,
     /// The last message, an error or what was done.
     pub message: Option<String>,
-    /// What is at the pixel that was clicked last.
+    /// Data about the pixel that was clicked last.
     pub picked: Option<Picked>,
 }
 
@@ -241,13 +241,13 @@ pub struct State {
     eye: Eye,
     choices: Choices,
     scene: Option<Loaded>,
-    /// What was read last, successfully or not.
+    /// The scene that was last read, successfully or not.
     tried: Option<Origin>,
     /// How often the scene was to be read again.
     reloads: u64,
     message: Option<String>,
     moved: Option<Instant>,
-    /// By which the sides of the picture are divided while the camera moves.
+    /// Divisor of the picture's sides while the camera moves.
     divisor: u32,
     image: Option<Image>,
     pixels: Arc<Vec<u8>>,
@@ -311,7 +311,7 @@ impl State {
         std::iter::once(self.file.clone()).chain(referred).chain(self.source.files()).collect()
     }
 
-    /// The file of the scene that is shown, which is the one before where another could not be read.
+    /// The file of the scene that is shown: the previous one, if another could not be read.
     fn shown_file(&self) -> &Path {
         self.scene.as_ref().map_or(&self.file, |loaded| &loaded.origin.file)
     }
@@ -364,7 +364,7 @@ impl State {
         }
     }
 
-    /// The scene, and the camera as one that can be moved; none without a scene.
+    /// The scene, and the camera as a movable one; `None` without a scene.
     fn view(&self) -> Result<Option<(Arc<Scene>, LookAt)>> {
         let Some(Loaded { scene, .. }) = self.scene.clone() else { return Ok(None) };
         if let Viewpoint::Placed(view) = self.eye.viewpoint {
@@ -378,12 +378,12 @@ impl State {
         Ok(Some((scene, view)))
     }
 
-    /// Changes the camera by `change` of where it is, unless that is none.
+    /// Replaces the camera by the result of `change`, unless that is `None`.
     fn navigate(&mut self, change: impl FnOnce(&Scene, &LookAt) -> Option<LookAt>) -> Result<()> {
         let Some((scene, view)) = self.view()? else { return Ok(()) };
         let Some(changed) = change(&scene, &view) else { return Ok(()) };
         let rounded = navigation::rounded(&changed, scene.normalisation.scale());
-        // A camera at what it looks at would have no direction.
+        // A camera at its own target would have no direction.
         if rounded.axes().is_some() {
             (self.eye.viewpoint, self.eye.fov) = (Viewpoint::Placed(rounded), None);
             self.moved = Some(Instant::now());
@@ -422,7 +422,7 @@ impl State {
         self.check_kept(path, None)?;
         let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let Display { view, exposure, .. } = self.choices.display;
-        // As `render` has it: an .exr has all channels; a .png shows one picture.
+        // Like `penumbra render`: an .exr has all channels, a .png shows one picture.
         let denoised = image.denoised().filter(|_| !is_exr);
         denoised.as_ref().unwrap_or(image).write(path, view, exposure)?;
         Ok(format!("wrote {}", path.display()))
@@ -521,7 +521,7 @@ impl State {
         Ok(())
     }
 
-    /// Reads the scene if another one is wanted. What cannot be read leaves the last one.
+    /// Reads the scene if another one is requested. If it cannot be read, the last one stays.
     fn load(&mut self) -> Result<()> {
         let mut pose = self.choices.pose.clone();
         let is_another = self.scene.as_ref().is_some_and(|loaded| loaded.origin.file != self.file);
@@ -576,7 +576,7 @@ fn class_name(class: f32) -> &'static str {
     NAMES.get(class as usize).copied().unwrap_or("unknown")
 }
 
-/// What a renderer was made for; the eye and, while the camera moves, the size may be others.
+/// The inputs that a renderer was made for. The camera may change, and while it moves so may the size.
 #[derive(Clone, Debug, PartialEq)]
 struct Subject {
     origin: Origin,
@@ -612,7 +612,7 @@ pub struct Session<'g> {
     denoiser: Denoiser,
     state: State,
     render: Option<Render<'g>>,
-    /// What could not be rendered.
+    /// The inputs that could not be rendered.
     failed: Option<(Subject, Eye)>,
     /// The picture is to be shown anew without being rendered anew.
     is_stale: bool,
@@ -646,7 +646,7 @@ impl<'g> Session<'g> {
         self.state.snapshot()
     }
 
-    /// Statistics of the picture; none before there is one.
+    /// Statistics of the picture; `None` before there is one.
     ///
     /// # Errors
     /// As [`Renderer::statistics`].
@@ -654,7 +654,7 @@ impl<'g> Session<'g> {
         self.render.as_ref().map(|render| render.renderer.statistics()).transpose()
     }
 
-    /// Obeys a command. What cannot be done leaves a message.
+    /// Executes a command. One that fails leaves a message.
     pub fn command(&mut self, command: Command) {
         // A movement is shown once it is rendered.
         let moves = matches!(command, Command::Orbit(_) | Command::Pan(_) | Command::Dolly(_) | Command::Fly(_));
@@ -664,7 +664,7 @@ impl<'g> Session<'g> {
         self.is_stale |= !moves;
     }
 
-    /// How long the next step can wait, if nothing is to be done: none for ever.
+    /// How long the next step can wait if nothing is to be done; `None` means for ever.
     pub fn wait(&self) -> Option<Duration> {
         let moved = self.state.moved.filter(|_| self.was_moving);
         moved.map(|moved| SETTLED.saturating_sub(moved.elapsed()))

@@ -5,10 +5,10 @@ use std::fs;
 use std::path::PathBuf;
 use std::time::{Duration, Instant, SystemTime};
 
-/// Time between two looks at the files.
+/// Time between two checks of the files.
 pub const INTERVAL: Duration = Duration::from_millis(500);
 
-/// Files, and what they were when they were looked at last: length and time of the last change; none if missing.
+/// Files, with their length and time of last change at the last check; `None` if a file was missing.
 pub struct Watch {
     stamps: BTreeMap<PathBuf, Option<(u64, SystemTime)>>,
     at: Instant,
@@ -20,12 +20,12 @@ impl Watch {
         Watch { stamps: BTreeMap::new(), at: Instant::now() }
     }
 
-    /// Whether the interval since the last look is over.
+    /// Whether the interval since the last check is over.
     pub fn is_due(&self) -> bool {
         self.at.elapsed() >= INTERVAL
     }
 
-    /// Whether one of the files has changed since the last look. A file that is new to the list has not.
+    /// Whether one of the files has changed since the last check. A file that is new to the list counts as unchanged.
     pub fn changed(&mut self, files: Vec<PathBuf>) -> bool {
         let stamp = |file: &PathBuf| fs::metadata(file).ok().and_then(|data| Some((data.len(), data.modified().ok()?)));
         let stamps: BTreeMap<_, _> = files.into_iter().map(|file| (file.clone(), stamp(&file))).collect();

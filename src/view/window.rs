@@ -18,10 +18,10 @@ use super::worker::{Event, Worker};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
-/// Size of the picture in points, if the command does not say.
+/// Size of the picture in points, if the command gives none.
 const SIZE: [f64; 2] = [960.0, 600.0];
 
-/// What the window is opened with.
+/// The inputs of the window.
 pub struct Program {
     /// The options of the command.
     pub source: Arc<dyn Source>,
@@ -183,7 +183,7 @@ impl View {
         Ok(View { worker, surface, egui, context, panel, snapshot: None, source, copied, repaint_at: None, window })
     }
 
-    /// What the worker tells.
+    /// Handles an event of the worker.
     fn hear(&mut self, event: Event) -> Result<()> {
         match event {
             Event::Picture => {
@@ -261,12 +261,12 @@ impl View {
     }
 }
 
-/// What the window is drawn on.
+/// The surface that the window is drawn on.
 struct Surface {
     surface: wgpu::Surface<'static>,
     gpu: Arc<Gpu>,
     painter: egui_wgpu::Renderer,
-    /// None while the window has no size.
+    /// `None` while the window has no size.
     config: Option<wgpu::SurfaceConfiguration>,
     format: wgpu::TextureFormat,
     /// A new size, until the next drawing: a window that is dragged has many, and each configuration waits for all
@@ -383,7 +383,7 @@ impl Surface {
 }
 
 fn painter(gpu: &Gpu, format: wgpu::TextureFormat) -> egui_wgpu::Renderer {
-    // Without dithering a pixel of the picture is that of the file.
+    // Without dithering, a pixel on the screen has the colour of the file.
     let options = egui_wgpu::RendererOptions { dithering: false, ..Default::default() };
     egui_wgpu::Renderer::new(&gpu.device, format, options)
 }

@@ -13,7 +13,7 @@ use crate::{Error, Result};
 /// How often a device may be lost without a new picture: if it is lost again and again, the scene is the cause.
 const MAX_LOSSES: u32 = 3;
 
-/// What a worker tells the window.
+/// An event that a worker sends to the window.
 pub enum Event {
     /// There is a new picture.
     Picture,
@@ -46,7 +46,7 @@ impl Worker {
         let (commands, receiver) = channel();
         let latest = Latest::default();
         let pictures = latest.clone();
-        // The threads that compile tell nothing at the same time.
+        // The threads that compile take turns in reporting.
         let tell = Arc::new(Mutex::new(tell));
         let tell = move |event| tell.lock().unwrap_or_else(PoisonError::into_inner)(event);
         let work = move || run(gpu, state, &receiver, open, &tell, &pictures);

@@ -1,4 +1,4 @@
-//! `penumbra check`: pictures as tests, and those of `scenes/`.
+//! `penumbra check`: image regression tests, and those of `scenes/`.
 
 use std::fs;
 use std::path::Path;
@@ -56,7 +56,7 @@ fn baselines_are_made_and_compared() {
     let answer = check(&file, &on_device(""));
     assert_eq!(answer.code, Some(5), "{answer:?}");
     assert!(answer.stdout.contains("broken   usual") && answer.stdout.contains("--bless usual makes it"), "{answer:?}");
-    // Only the baseline that is asked for is made.
+    // Only the requested baseline is made.
     assert_eq!(check(&file, &on_device("--bless usual")).code, Some(5));
     let baseline = |name: &str| folder.path().join("baselines").join(name);
     assert!(baseline("usual.exr").exists() && !baseline("bright.exr").exists());
@@ -139,7 +139,7 @@ fn a_render_that_fails_is_a_broken_case() {
     assert!(answer.stdout.contains("broken   none") && answer.stdout.contains("none.glb"), "{answer:?}");
 }
 
-/// A render that takes too long is ended and named, and the others go on. This one would take days.
+/// A render that takes too long is ended and named, and the others continue. This one would take days.
 #[test]
 fn a_render_that_takes_too_long_is_a_broken_case() {
     let folder = folder();

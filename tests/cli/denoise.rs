@@ -73,7 +73,7 @@ fn an_exr_alone_is_raw_unless_a_denoiser_is_named() {
         let image = Image::read(&denoised).unwrap();
         assert_eq!(image.channel("error").is_some(), spp > 1, "{spp} samples");
         assert!(bits(&image, "denoised.R") != bits(&image, "R"));
-        // The raw image is that of a render without a denoiser.
+        // The raw image has the bits of a render without a denoiser.
         render(&format!("--spp {spp}"), None, &[&raw]).assert_done();
         assert_eq!(bits(&image, "R"), bits(&Image::read(&raw).unwrap(), "R"), "{spp} samples");
     }
@@ -114,7 +114,7 @@ fn a_library_that_cannot_be_used_is_an_error_and_the_raw_image_is_safe() {
     }
 }
 
-/// A library of Open Image Denoise whose filter fails, or, as `no_filter`, one that gives none and no reason.
+/// A library of Open Image Denoise whose filter fails or, with `no_filter`, one that returns no filter and no reason.
 const FAILING_LIBRARY: &str = r#"
 #![allow(non_snake_case)]
 use std::os::raw::{c_char, c_int};
@@ -193,7 +193,7 @@ fn without_a_library_a_png_is_denoised_all_the_same() {
     assert!(answer.stderr.lines().last().unwrap().contains("libOpenImageDenoise.so.2"), "{answer:?}");
 }
 
-/// What denoisers need is in checkpoints.
+/// A checkpoint holds the sums that denoisers need: a resumed render is denoised to the same bits.
 #[test]
 fn a_resumed_render_is_denoised_to_the_same_bits() {
     let folder = folder();

@@ -10,10 +10,10 @@ use serde_json::{Value, json};
 
 use crate::program::{Answer, device, folder, run};
 
-/// What a wall of this albedo reflects under the irradiance pi, or in an environment of radiance 1.
+/// Albedo of the wall, and its radiance under the irradiance pi or in an environment of radiance 1.
 const ALBEDO: f64 = 0.5;
 
-/// Of an image without noise: its values are rounded to f32 some tens of times.
+/// Relative error of an image without noise: its values are rounded to f32 some tens of times.
 const ROUNDING: f64 = 1e-5;
 
 /// The light of all suns, with the irradiance that each gives to a surface perpendicular to its rays.
@@ -71,7 +71,7 @@ struct Rendered {
 }
 
 impl Rendered {
-    /// Renders to an EXR and a PNG, both of the shape that is asked for.
+    /// Renders to an EXR and a PNG, both of the requested shape.
     #[track_caller]
     fn new(folder: &Path, scene: &Path, arguments: &str) -> Rendered {
         let [exr, png, stats] = ["a.exr", "a.png", "a.json"].map(|name| folder.join(name));
@@ -92,7 +92,7 @@ impl Rendered {
         notes
     }
 
-    /// Those that say that the image shows nothing.
+    /// The notes that the image shows nothing.
     fn notes_on_nothing(&self) -> Vec<&str> {
         let is_on_nothing = |note: &&str| note.starts_with("the camera sees") || note.starts_with("the image is");
         self.notes().into_iter().filter(is_on_nothing).collect()
@@ -126,7 +126,8 @@ impl Rendered {
 
 const RGB: [&str; 3] = ["R", "G", "B"];
 
-/// What the camera misses altogether is said, with the reason, before the render and in the plan; the image is empty.
+/// If the camera misses everything, a note says so with the reason, before the render and in the plan, and the image is
+/// empty.
 #[test]
 fn a_camera_that_sees_nothing_says_why() {
     let folder = folder();
@@ -152,7 +153,7 @@ fn a_camera_that_sees_nothing_says_why() {
     }
 }
 
-/// A wall that is lit from behind is black, which is said; in light it is not.
+/// A wall that is lit from behind is black, and a note says so; a lit wall has no such note.
 #[test]
 fn a_camera_in_the_dark_says_so() {
     let folder = folder();

@@ -33,7 +33,7 @@ pub fn penumbra(arguments: &str, files: &[&dyn AsRef<OsStr>]) -> Command {
     command.env("XDG_RUNTIME_DIR", env!("CARGO_TARGET_TMPDIR"));
     // Only the tests of denoising name a library; the PNGs of the others stay raw.
     command.env_remove("OIDN_LIBRARY");
-    // Tests run side by side, so their times say nothing about the machine: they stay out of the user's cache folder,
+    // Tests run side by side, so their times do not show the machine's speed: they stay out of the user's cache folder,
     // where the driver still finds what it has compiled.
     if let Some(folder) = dirs::cache_dir().filter(|_| std::env::var_os("MESA_SHADER_CACHE_DIR").is_none()) {
         command.env("MESA_SHADER_CACHE_DIR", folder);

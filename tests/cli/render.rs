@@ -73,8 +73,8 @@ fn one_render_goes_to_several_files_by_their_extensions() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 4, "something was left behind");
 }
 
-/// Composed kernels are kept in the user's cache folder, and what the next render finds there is what it uses. A kernel
-/// of which nothing is left, and a folder that cannot be made, change nothing.
+/// Composed kernels are kept in the user's cache folder, and the next render uses what it finds there. An empty file in
+/// place of a kernel and a folder that cannot be created change nothing.
 #[cfg(target_os = "linux")]
 #[test]
 fn kernels_are_kept_for_the_next_render() {
@@ -102,8 +102,9 @@ fn kernels_are_kept_for_the_next_render() {
     assert!(third == first && !said.contains("cache"), "{said}");
 }
 
-/// The time of the first sample over what was expected is remembered, but not where the driver had to compile kernels.
-/// Where it took far longer than expected, a short render is by paths; a file that is broken is as good as none.
+/// The ratio of the first sample's time to the expected time is stored, but not if the driver had to compile kernels.
+/// After first samples that took far longer than expected, a short render uses `path`. A damaged file counts as no
+/// file.
 #[cfg(target_os = "linux")]
 #[test]
 fn times_of_first_samples_are_remembered() {
@@ -375,7 +376,7 @@ fn checkpoints_of_something_else_are_refused() {
     audited("--resume").assert_refused(3, &["state", "damaged"]);
 }
 
-/// With adaptive sampling the checkpoint tells which pixels are next.
+/// With adaptive sampling, a checkpoint holds which pixels are next: a resumed render samples the same pixels.
 #[test]
 fn a_resumed_render_samples_the_same_pixels() {
     let folder = folder();
@@ -479,7 +480,8 @@ mod stopped {
     }
 }
 
-/// A render that is to end at once takes paths, says so, and has one sample; a technique that the user names stays.
+/// A render that must end at once uses `path`, says so in a note, and has one sample. A technique that the user names
+/// is kept.
 #[test]
 fn a_short_time_is_for_paths() {
     let folder = folder();

@@ -128,7 +128,7 @@ fn denoisers_make_entrants() {
     assert!(expected.iter().all(|(name, ..)| has(name)), "{plot}");
 }
 
-/// `auto` is an entrant, and the command says how it compares with the others.
+/// `auto` is an entrant, and the command prints how it compares with the others.
 #[test]
 fn auto_is_compared_with_the_others() {
     let folder = folder();
@@ -349,7 +349,7 @@ fn the_page_works_in_a_browser() {
     assert_eq!(seen["tables"], serde_json::json!([1 + entrants.len(), 1 + images, 5]));
     let pictures = ["raw", "denoised", "difference", "estimated error", "error"];
     assert_eq!(seen["pictures"], serde_json::json!(pictures));
-    // A fast machine has so many samples that raw and denoised pixels show the same colours.
+    // A fast machine renders enough samples that raw and denoised pixels show the same colours.
     let different = seen["different"].as_u64().unwrap() as usize;
     assert!(different + 1 >= pictures.len(), "{different} different pictures");
 

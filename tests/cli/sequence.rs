@@ -1,4 +1,4 @@
-//! Sequences: frames of an animation, and sequences that go on where they stopped.
+//! Sequences: frames of an animation, and sequences that are resumed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -127,7 +127,7 @@ fn film_of(path: &Path) -> Image {
     image
 }
 
-/// A signal ends the frame, which is not written: whatever lies there is complete.
+/// A signal ends the frame, which is not written: any file that exists is complete.
 #[cfg(unix)]
 #[test]
 fn a_signal_leaves_complete_frames() {

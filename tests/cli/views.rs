@@ -81,7 +81,7 @@ fn backgrounds_replace_what_is_behind_the_scene() {
             assert_eq!(shown.channel(name).unwrap()[i].to_bits(), clear.channel(name).unwrap()[i].to_bits(), "{name}");
         }
         if alpha == 0.0 {
-            // What Blender writes.
+            // The value that Blender writes for no surface.
             assert_eq!(shown.channel("Z").unwrap()[i], 1e10);
             assert_eq!([r, g, b], [0.0; 3]);
             assert_eq!(pixel(&red, i), [2.0, 0.5, 0.0, 1.0]);
@@ -101,7 +101,7 @@ fn backgrounds_replace_what_is_behind_the_scene() {
     assert!(covered > 50 && open > 50, "{covered} pixels are covered, {open} open");
 }
 
-/// Of one sphere on a plane: from above the image has no background, from the front it has.
+/// Views of one sphere on a plane: the image from above shows no background, the image from the front does.
 #[test]
 fn views_have_a_direction() {
     let folder = folder();

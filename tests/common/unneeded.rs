@@ -8,7 +8,7 @@ pub struct Unneeded {
     pub feature: Feature,
     /// Whether it is switched on. [`Feature::ShallowBvh`] is a need by its absence.
     pub on: bool,
-    /// Features without which no scene has it. What it costs is compared with these alone.
+    /// Features that every scene with this feature also has. Its cost is measured against these alone.
     pub beside: &'static [Feature],
 }
 
@@ -31,7 +31,7 @@ pub fn all_unneeded() -> Vec<(Feature, bool)> {
     UNNEEDED.iter().map(|unneeded| (unneeded.feature, unneeded.on)).collect()
 }
 
-/// Those that round the rays of the box in another way: distances along the plane of a needle, origins on an iris of
+/// Features that round the rays of the box differently: distances along the plane of a needle, origins on an iris of
 /// radius 0.
 pub const OTHER_RAYS: [Feature; 2] = [Feature::Needles, Feature::ThinLens];
 

@@ -36,7 +36,7 @@ fn everything() -> (Scene, Camera) {
 }
 
 /// Renders an image and returns it with the number of repairs of the map. If it `is_stopped`, each batch but the first
-/// is rendered by another renderer, which goes on from a checkpoint.
+/// is rendered by another renderer, which resumes from a checkpoint.
 fn render((scene, camera): &(Scene, Camera), settings: &Settings, is_stopped: bool) -> (Image, u64) {
     let new = || Renderer::new(gpu(), scene.clone(), camera, settings).unwrap();
     let folder = tempfile::tempdir().unwrap();

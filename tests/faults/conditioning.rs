@@ -233,8 +233,8 @@ fn rays_beyond_the_loop_budget_are_dropped_or_end_the_render() {
     assert!(error.to_string().contains("loop budget"), "{error}");
 }
 
-/// Rays of photons go on through all surfaces, so a pile of 35,000 sheets is beyond the loop budget for them and not
-/// for other rays. Where they store nothing, points trace shadow rays: the image is right, and the render goes on.
+/// Photon rays continue through all surfaces, so a pile of 35,000 sheets exceeds their loop budget, but not that of
+/// other rays. Where no photons are stored, points trace shadow rays: the image is right, and the render continues.
 #[test]
 fn photons_beyond_the_loop_budget_end_no_render() {
     let sheet = |i: u32| square(DVec3::Y * (1e-6 * f64::from(i) - 0.2), DVec3::Z * 0.2, DVec3::X * 0.2);

@@ -70,7 +70,7 @@ fn a_disk_that_fills_up_keeps_the_old_files() {
         command.env("XDG_RUNTIME_DIR", env!("CARGO_TARGET_TMPDIR"));
         // The limit would affect Mesa's shader cache, too.
         command.env("MESA_SHADER_CACHE_DISABLE", "true");
-        // All that is lost is named; a checkpoint, too, is that of before.
+        // The error names all files that are lost; the checkpoint is still the previous one.
         let also = format!("kept{other} is not written either");
         Answer::of(&mut command).assert_refused(3, &["a.exr", "cannot write", &also]);
         for (file, old) in [(&image, b"old".as_slice()), (&kept, &old)] {

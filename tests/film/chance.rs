@@ -1,4 +1,4 @@
-//! Guides where chance chooses what samples show, on made-up images whose mixtures are known.
+//! Guides if chance decides what samples show, on synthetic images whose mixtures are known.
 
 use glam::DVec3;
 use penumbra::internal::render::denoise::chance::{Seen, settled};
@@ -15,7 +15,7 @@ fn guides(x: f64) -> [DVec3; 3] {
     [DVec3::new(x, 0.5, 1.0 - x), DVec3::new(0.0, 1.0 - 0.5 * x, x), DVec3::splat(3.0 * x)]
 }
 
-/// Pixels of `samples` samples, of which each shows the surface `front` with the probability SHARE, and else `back`.
+/// Pixels of `samples` samples. Each sample shows the surface `front` with probability SHARE, else `back`.
 fn mixed(samples: u32, front: impl Fn(usize) -> f64, back: impl Fn(usize) -> f64) -> Vec<Seen> {
     let mut random = Random(41);
     let pixel = |i: usize| {
@@ -26,13 +26,13 @@ fn mixed(samples: u32, front: impl Fn(usize) -> f64, back: impl Fn(usize) -> f64
     (0..(SIZE[0] * SIZE[1]) as usize).map(pixel).collect()
 }
 
-/// The pixels with the guides that each of them gets.
+/// The pixels with their settled guides.
 fn settle(seen: &[Seen]) -> Vec<Seen> {
     let pixel = |i: usize| Seen { guides: settled(SIZE, &|other| seen[other], i), ..seen[i] };
     (0..seen.len()).map(pixel).collect()
 }
 
-/// The largest distance of an albedo's red from that of a mixture, which `expected` gives for each pixel.
+/// The largest difference of an albedo's red from the mixture that `expected` returns for each pixel.
 fn worst(seen: &[Seen], expected: impl Fn(usize) -> f64) -> f64 {
     seen.iter().enumerate().map(|(i, pixel)| (pixel.guides[0].x - expected(i)).abs()).fold(0.0, f64::max)
 }
@@ -89,8 +89,8 @@ fn textures_behind_glass_stay() {
     assert!((contrast / 0.6 - (1.0 - SHARE)).abs() < 0.03, "{contrast}");
 }
 
-/// What pixels see of the front beyond its part of the mixture leaves no trace: one that shows it two or three times as
-/// often as others has no more of its contrast.
+/// Pixels that show the front more often than the mixture leave no mark: a pixel that shows it two or three times as
+/// often as others keeps no more of its contrast.
 #[test]
 fn what_chance_shows_too_often_is_no_mark() {
     let stripes = |i: usize| if (i % SIZE[0] as usize).is_multiple_of(2) { 0.2 } else { 0.8 };

@@ -28,7 +28,7 @@ impl Versions {
         Versions { all: vec![all; pixels], halves: [vec![all; pixels], vec![all; pixels]] }
     }
 
-    /// With noise of standard deviation `noise` in each half, and their mean.
+    /// An image offset by `offset`, with noise of standard deviation `noise` in each half, and the mean of both halves.
     fn noisy(offset: f64, noise: f64, seed: u64) -> Versions {
         let mut random = Random(seed);
         let mut half = || -> Vec<Colour> {
@@ -88,7 +88,7 @@ fn a_denoiser_that_knows_the_truth_is_taken() {
     assert!(error(&mixed.colour) < 0.005 * error(&own.all), "{} of {}", error(&mixed.colour), error(&own.all));
     assert!(estimate(&mixed) < 0.02 * error(&own.all), "{}", estimate(&mixed));
 
-    // Without independent halves nothing is known.
+    // Without independent halves, errors cannot be estimated.
     let planted = Versions { halves: [own.halves[0].clone(), own.halves[0].clone()], ..own.clone() };
     assert!(error(&mixture(&planted, &[&truth]).colour) > 0.9 * error(&own.all), "halves with the same noise");
 }
@@ -122,7 +122,7 @@ fn a_biased_denoiser_is_mixed_by_its_error() {
     let expected = (part * NOISE).powi(2) + (1.0 - part).powi(2) * NOISE * NOISE / 2.0;
     assert!(is_near(error(&mixed.colour), expected) && is_near(estimate(&mixed), expected), "{}", estimate(&mixed));
 
-    // Alone it keeps its bias, and the estimate tells that.
+    // Alone it keeps its bias, and the estimate includes it.
     let alone = alone(&raw(&own, SIZE), &biased.candidate());
     assert_eq!(alone.colour, biased.all);
     assert!(is_near(estimate(&alone), NOISE * NOISE), "{}", estimate(&alone));

@@ -1,4 +1,4 @@
-//! How much less noise stratified samples have than independent ones, on made-up halves whose noise is known.
+//! Ratios of the noise of stratified samples to that of independent ones, on synthetic halves whose noise is known.
 
 use penumbra::internal::render::denoise::stratification::{ratios, reduced};
 use penumbra::internal::render::denoise::{Colour, Light, Part};
@@ -37,7 +37,8 @@ fn the_halves_tell_the_noise_of_each_region() {
     assert!(ratios(SIZE, &variance, [&first, &first], [2, 3]).iter().all(|ratio| *ratio == 0.0));
 }
 
-/// Variances shrink by the ratio, and by more where it is small; those of all samples more than those of a half.
+/// Variances shrink by the ratio, and by more if it is small; variances of all samples shrink more than those of a
+/// half.
 #[test]
 fn variances_shrink_by_the_ratios() {
     let part = Part { mean: vec![[3.0; 3]; 3], variance: vec![[2.0, 4.0, 8.0]; 3] };
@@ -53,7 +54,7 @@ fn variances_shrink_by_the_ratios() {
     }
 }
 
-/// Without noise, or with what is not finite, nothing is known, and variances stay as they are.
+/// Without noise, or with values that are not finite, the ratio is unknown, and variances stay as they are.
 #[test]
 fn light_without_noise_or_without_bounds_has_a_ratio() {
     for (variance, first, second) in

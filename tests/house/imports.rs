@@ -182,7 +182,7 @@ fn read_path(tokens: &[TokenTree], prefix: &mut Names, paths: &mut Vec<Names>) -
     i
 }
 
-/// The path from the root; none where it leaves the crate.
+/// The path from the root; `None` if it leaves the crate.
 fn absolute(path: &[String], module: &Names, names: &[&str]) -> Option<Names> {
     let first = path.first()?;
     if names.contains(&first.as_str()) {

@@ -1,4 +1,5 @@
-//! Adaptive sampling: the samples are those of other renders, go where noise is, and decide without bias.
+//! Adaptive sampling: samples have the bits of those in other renders, go where noise is, and are distributed without
+//! bias.
 
 use std::collections::BTreeSet;
 
@@ -18,7 +19,7 @@ fn adaptive(scene: &str, settings: &Settings, noise: f64, denoiser: &Denoiser) -
     complete(scene, &settings.clone().with(|s| s.image.noise = Some(noise)), denoiser)
 }
 
-/// Renders `spp` samples of a pixel in the mean, shared out by the noise.
+/// Renders with `spp` samples per pixel on average, in adaptive sampling with a fixed budget.
 fn shared_out(scene: &str, settings: &Settings, spp: u32) -> Image {
     let settings = settings.clone().with(|s| (s.image.spp, s.image.sampling) = (spp, Sampling::Adaptive));
     complete(scene, &settings, &Denoiser::default())

@@ -35,10 +35,10 @@ fn photons_do_not_bias_the_image() {
     }
 }
 
-/// Mistakes near boundaries widen them: at the edges of the penumbra behind a door ajar a few percent of the lamp are
-/// visible, where fine cells that are shadowed after a few points without light are often wrong. A pixel more of
-/// boundary meets more than half of these mistakes. The sphere's shadow has none, and keeps the bits of the image
-/// without dilation.
+/// Mistakes near boundaries widen them. At the edges of the penumbra behind a door ajar, a few percent of the lamp are
+/// visible; fine cells there are often classified shadowed after a few points without light, which is wrong. A boundary
+/// that is one pixel wider avoids more than half of these mistakes. The sphere's shadow has none, and keeps the bits of
+/// the image without dilation.
 #[test]
 fn mistakes_widen_boundaries() {
     let settings = small(Technique::SHADOW_PHOTONS, 32).with(|s| s.visibility_map.photons_per_light = Some(16_384));

@@ -129,12 +129,12 @@ fn tags_are_unbiased_and_cells_darken() {
     }
 }
 
-/// The light buffer calls nothing lit that is not: the image is that of `two-pass` within its standard error, with
-/// fewer rays. A loss or gain of 0.1 % would be detected.
+/// No point that the light buffer classifies lit is shadowed: the image equals that of `two-pass` within its standard
+/// error, with fewer rays. A loss or gain of 0.1 % would be detected.
 #[test]
 fn light_buffers_are_unbiased() {
     let mut detected = 0;
-    // In the still life nearly all rays lead to the two mesh lights, about which lists tell less than about points.
+    // In the still life nearly all rays lead to the two mesh lights, for which lists decide less than for point lights.
     for (name, max_rays) in [("box.glb", 0.7), ("sphere.glb", 0.7), ("still_life.glb", 0.9)] {
         let of = |technique| render(&scene_file(name), &settings(technique, [96, 96], 16));
         let ((all, counts), (buffered, tests)) = (of(Technique::TWO_PASS), of(Technique::LIGHT_BUFFER));

@@ -73,10 +73,10 @@ fn glass_and_metal_match_the_path_tracer() {
     assert!((there - here).abs() < 0.1 * there, "caustic: {there} by paths, {here} by photons");
 }
 
-/// Where paths and gather rays take the diffuse light of a surface from the map and go on for its reflection, the two
-/// make up the surface: a closed room of half metal, whose walls have both, has the path tracer's mean. The tolerance
-/// is 0.5 %, for records and photons, plus 3.5 standard errors. With the light of the whole base from the map, the room
-/// was 1.5 % too bright.
+/// Where paths and gather rays take the diffuse light of a surface from the map and continue for its specular
+/// reflection, the two add up to the whole: a closed room of half metal, whose walls have both, has the path tracer's
+/// mean. The tolerance is 0.5 %, for records and photons, plus 3.5 standard errors. With the light of the whole base
+/// from the map, the room was 1.5 % too bright.
 #[test]
 fn half_metals_match_the_path_tracer() {
     let half = Material { metallic: 0.5, roughness: 0.6, specular: Specular::with_factor(1.0), ..surface(0.6, 0.0) };
@@ -249,7 +249,7 @@ fn a_mirror_shows_light_that_came_through_glass() {
     let expected = f64::from(irradiance * TINT * albedo) * towards.y * passed / std::f64::consts::PI;
     let (mean, _) = mean_and_error(&image, "G");
     println!("{mean}, expected {expected}");
-    // Of some ten irradiance points that the mirror shows each has 64 photons, an error of 4 %; an eighth of the lobe
+    // The mirror shows some ten irradiance points of 64 photons each, an error of 4 %; an eighth of the lobe
     // misses the floor's edges or is lost between microfacets at most.
     assert!(mean > 0.8 * expected && mean < 1.1 * expected, "{mean}, expected {expected}");
 }

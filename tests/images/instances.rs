@@ -160,7 +160,7 @@ fn techniques_with_lists_of_triangles_get_copies() {
     }
 }
 
-/// Memory on the device grows by the table and the upper hierarchy alone, not by triangles.
+/// Memory on the device grows by the table and the upper BVH alone, not by triangles.
 #[test]
 fn a_mesh_is_stored_once() {
     let bytes = |side: usize| {

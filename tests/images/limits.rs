@@ -33,7 +33,7 @@ fn opened(limits: DeviceLimits) -> Gpu {
     Gpu::open_with(&DeviceChoice::Name(gpu().info.name.clone()), limits).unwrap()
 }
 
-/// The device renders what it renders with its own limits, as far as two seeds tell.
+/// With these limits the device renders the same image as with its own, within the difference of two seeds.
 fn renders_the_same(limits: DeviceLimits, name: &str) {
     let image = render(&opened(limits), name, &settings(1));
     let own = render(gpu(), name, &settings(1));

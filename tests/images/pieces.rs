@@ -155,7 +155,7 @@ fn merged_pieces_are_denoised() {
         // The means differ in their last bits, which the filter may double a few times.
         assert!(difference < 1e-4 * size, "{name}: {difference} of {size}");
     }
-    // What cannot be denoised.
+    // Pieces that cannot be denoised.
     let error = denoised(&files[1..]).unwrap_err().to_string();
     assert!(error.contains("lack samples"), "{error}");
     let plain = settings.clone().with(|s| (s.image.denoise, s.image.piece) = (Denoise::None, Some(all.0)));
@@ -191,7 +191,8 @@ fn a_resumed_piece_has_the_same_bits() {
     assert_same(&Image::read_exr(resumed).unwrap(), &whole, "resumed");
 }
 
-/// The samples of a piece are those of the render: only what classes and photons learn is missing, which changes noise.
+/// The samples of a piece equal those of the render, except for what classes and photons learn, which changes noise
+/// only.
 #[test]
 fn pieces_show_what_a_render_shows() {
     let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();

@@ -103,8 +103,8 @@ fn decided(rings: usize) -> Decided {
     found
 }
 
-/// Points of a coarse ball that are far from shadow boundaries are decided by photons as on a fine one. (They are no
-/// longer where photons are much denser: with a million, whose discs are lower than the points, 46 %.)
+/// Photons decide points of a coarse ball far from shadow boundaries as they do on a fine one. (With much denser
+/// photons they do not: with a million, whose discs are lower than the points, they decide 46 %.)
 #[test]
 fn photons_decide_on_coarse_surfaces() {
     for rings in [8, 96] {
@@ -117,7 +117,8 @@ fn photons_decide_on_coarse_surfaces() {
     }
 }
 
-/// With all that decides, a coarse ball needs no more shadow rays than a fine one, and is as right.
+/// With fine cells and photons, a coarse ball needs no more shadow rays than a fine one, and its classes are as often
+/// right.
 #[test]
 fn coarse_surfaces_need_no_more_shadow_rays() {
     let [coarse, fine] = [8, 96].map(|rings| render(rings, Technique::SHADOW_PHOTONS, |s| s.image.spp = 16).1);

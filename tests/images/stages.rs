@@ -37,11 +37,11 @@ fn indirect_sums(image: &Image, samples: u32) -> Vec<f64> {
     channels.iter().flat_map(|channel| channel.iter()).map(|x| f64::from(*x) * f64::from(samples)).collect()
 }
 
-/// Samples with the light of few gather rays get that of more once there are more, from sample 25 on. The samples after
-/// that are the oracle: they have the light of more rays from the beginning. The mean of the first 25 differs from
-/// theirs only by where samples lie within pixels, which matters at edges, so the median pixel counts. Without a
-/// correction 24 of 25 samples would keep the difference, more than nine tenths of its square. The variance of the
-/// samples is that of samples which had the light from the beginning.
+/// After sample 25 there are more gather rays, and the samples so far get their light. The following samples are the
+/// oracle, because they have the light of more rays from the beginning. The mean of the first 25 differs from theirs
+/// only by the positions of samples within pixels, which matters at edges, so the median pixel counts. Without a
+/// correction, 24 of 25 samples would keep the difference, more than nine tenths of its square. The variance of the
+/// corrected samples equals that of samples which had the light from the beginning.
 #[test]
 fn earlier_samples_get_the_light_of_later_rays() {
     let of = |rays, samples: [u32; 3]| {
@@ -71,7 +71,7 @@ fn earlier_samples_get_the_light_of_later_rays() {
     assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
 }
 
-/// Estimates decide when there are more rays. A render that goes on from a checkpoint makes the same decisions.
+/// Estimates decide when gather rays are added. A render that is resumed from a checkpoint makes the same decisions.
 #[test]
 fn rays_grow_by_estimates_that_checkpoints_keep() {
     let settings = settings(None);

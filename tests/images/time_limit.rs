@@ -70,7 +70,8 @@ fn without_time_there_is_one_sample() {
     assert!(image.rgb().unwrap().iter().all(|channel| channel.iter().all(|x| x.is_finite())));
 }
 
-/// A render that had no time for a sample goes on as one that was not asked, also where pixels share samples out.
+/// A render that had no time for a sample continues like one that made no attempt, also in adaptive sampling with a
+/// fixed budget.
 #[test]
 fn no_time_changes_no_bit() {
     let settings = settings(8).with(|s| s.image.sampling = Sampling::Adaptive);
@@ -83,8 +84,8 @@ fn no_time_changes_no_bit() {
     assert_same(&asked.image().unwrap(), &free.image().unwrap(), "after no time");
 }
 
-/// With little time samples are added, with the gather rays that there are: more of them take many times as long. Once
-/// there is time they come.
+/// With little time, samples are added with the present gather rays, because more rays take many times as long. Once
+/// there is time, rays are added.
 #[test]
 fn little_time_is_for_samples() {
     let mut renderer = renderer(&settings(40));
@@ -127,8 +128,8 @@ fn denoisers_fit_the_time() {
     }
 }
 
-/// Paths are taken where the first sample of the default technique would come too late, on a software device, and where
-/// nothing was asked for that they do not give.
+/// `path` is used if the first sample of the default technique would come too late, on a software device, and if no
+/// setting is requested that `path` does not support.
 #[test]
 fn the_technique_fits_the_time() {
     let is_software = gpu().is_software();
@@ -202,15 +203,15 @@ fn paths_render_models_by_themselves_for_longer() {
     assert_eq!(choice(&under_a_sky, &far, &plain, 10.0), usual);
     for scene in [&scene, &under_a_sky] {
         assert_eq!(choice(scene, &room, &plain, long), usual);
-        // Each of few samples counts, and photons that are asked for are made.
+        // With few samples each one counts; photons that are requested are emitted.
         let few = plain.clone().with(|s| s.image.spp = 32);
         let photons = plain.clone().with(|s| s.visibility_map.photons_per_light = Some(4096));
         assert_eq!([few, photons].map(|settings| choice(scene, &far, &settings, long)), [usual; 2]);
     }
 }
 
-/// A first sample that just fits is worth its time in a room, but not on a machine that is known to be slow, and in the
-/// open only with some to spare.
+/// A first sample that just fits is used in a room, but not on a machine that is known to be slow, and in open scenes
+/// only with time to spare.
 #[test]
 fn a_first_sample_that_just_fits_is_for_rooms() {
     if !gpu().is_software() {
@@ -235,7 +236,7 @@ fn a_first_sample_that_just_fits_is_for_rooms() {
     }
 }
 
-/// Of many lights each point samples a few, so a hundred thousand leave time for photons.
+/// With many lights each point samples a few, so a hundred thousand lights leave time for photons.
 #[test]
 fn many_lights_leave_time_for_photons() {
     let mut scene = load("box.glb");

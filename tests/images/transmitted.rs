@@ -96,8 +96,8 @@ fn glass(ior: f32, strength: f32) -> Material {
     }
 }
 
-/// A ball of glass with strong dispersion under a uniform sky has the sky's radiance, in all three colours: what one
-/// wavelength takes it gives three times. With 3 n samples each wavelength has the same number.
+/// A ball of glass with strong dispersion under a uniform sky has the sky's radiance, in all three colours: each
+/// wavelength is a third of the paths with three times the light. With 3 n samples each wavelength has the same number.
 #[test]
 fn dispersion_makes_no_light_and_no_colour() {
     let even = panorama(8, 4, |_| DVec3::ONE);
@@ -176,7 +176,7 @@ fn prisms_bend_colours_by_their_own_indices() {
     assert!(edge.abs() < TAU / 8.0);
 }
 
-/// A ball of water in water is not seen, and what lies in an absorbing volume loses light on the way.
+/// A ball of water in water is invisible, and an object in an absorbing volume loses light on the way.
 #[test]
 fn volumes_within_volumes() {
     let even = panorama(64, 32, |d| DVec3::splat(1.0 + d.x));

@@ -1,4 +1,4 @@
-//! The trial of visibility photons in a render that did not ask for them.
+//! The trial of visibility photons in a render that did not request them.
 
 use glam::{DVec3, Vec3};
 use kernel_kit::{DeviceChoice, Gpu};
@@ -71,8 +71,8 @@ fn render_to(renderer: &mut Renderer<'_>, samples: u32) {
     }
 }
 
-/// The first sample traces all shadow rays, and tells whether photons are made: not where points in penumbrae are to
-/// trace them anyway, unless somebody asked for photons.
+/// The first sample traces all shadow rays, and decides whether photons are emitted. They are not if points in
+/// penumbrae trace the rays anyway, unless photons were requested.
 #[test]
 fn photons_are_made_after_the_first_sample() {
     let settings = settings(Technique::SHADOW_PHOTONS);
@@ -95,8 +95,8 @@ fn photons_are_made_after_the_first_sample() {
     }
 }
 
-/// The kernels of photons can be compiled while the first sample is rendered: none is missing then, and the image has
-/// the same bits. Where no photons may be made later there are none to compile.
+/// The kernels of photons can be compiled while the first sample is rendered. None is missing later, and the image has
+/// the same bits. If no photons can be emitted later, there is nothing to compile.
 #[test]
 fn later_kernels_are_compiled_ahead() {
     let settings = settings(Technique::SHADOW_PHOTONS);
@@ -117,8 +117,8 @@ fn later_kernels_are_compiled_ahead() {
     assert!(self::renderer(Shadows::Simple, &requested).later_kernels().is_none());
 }
 
-/// Photons that decide few points are asked for eight samples; the others trace all shadow rays. The mean stays that of
-/// `two-pass`, within three standard errors.
+/// Photons that decide few points are used for eight samples; the other samples trace all shadow rays. The mean stays
+/// that of `two-pass`, within three standard errors.
 #[test]
 fn photons_that_decide_little_are_left_out() {
     let mut few = renderer(Shadows::Edges, &settings(Technique::SHADOW_PHOTONS));
@@ -133,7 +133,7 @@ fn photons_that_decide_little_are_left_out() {
 
     let mut all = renderer(Shadows::Edges, &settings(Technique::TWO_PASS));
     render_to(&mut all, 40);
-    // Seven samples of forty asked photons.
+    // Seven of forty samples queried photons.
     assert!(statistics.rays.shadow as f64 > 33.0 / 40.0 * all.statistics().unwrap().rays.shadow as f64);
     let [expected, mean] = [&all, &few].map(|renderer| mean_and_error(&renderer.image().unwrap(), "G"));
     let off = deviation(expected, mean);
@@ -194,8 +194,8 @@ fn a_trial_is_continued() {
     }
 }
 
-/// A view that follows a glance has photons on trial as a new renderer has, and so has the next, whether the trial kept
-/// them or not.
+/// A view that follows a preview has photons on trial, as in a new renderer. So has the next one, whether the trial
+/// kept the photons or not.
 #[test]
 fn each_view_has_a_trial_of_its_own() {
     for (shadows, has_them) in [(Shadows::Simple, true), (Shadows::Edges, false), (Shadows::Penumbrae, false)] {
@@ -216,19 +216,19 @@ fn each_view_has_a_trial_of_its_own() {
     }
 }
 
-/// Several lights, textures, glossy surfaces and caustics: the kernels and maps that a glance leaves for the view after
-/// it give the bits of a new renderer, though photons of visibility, with tags of their lights, are only in the view.
+/// A scene with several lights, textures, glossy surfaces and caustics: the kernels and maps that a preview leaves for
+/// the following view give the bits of a new renderer, although only the view has visibility photons, with light tags.
 #[test]
 fn a_view_after_a_glance_has_the_bits_of_a_new_renderer() {
     let mut scene = Scene::load(scene_file("still_life.glb"), &ImportOptions::default()).unwrap();
     let camera = scene.cameras[0].clone();
-    // Without them so many shadow rays are from penumbrae that no photons are made.
+    // Without them too many shadow rays are in penumbrae for photons to be emitted.
     for i in 0..11u8 {
         let position = Vec3::new(0.06 * f32::from(i) - 0.3, 0.5, 0.3);
         let kind = LightKind::Point { position, intensity: Vec3::ONE, range: f32::INFINITY };
         scene.lights.push(Light { name: String::new(), kind });
     }
-    // So many samples that photons pay in a small image; four are compared.
+    // Enough samples for photons to pay off in a small image; four are compared.
     let settings = Settings::builder().size(32, 24).spp(16_384).build().unwrap();
     let mut new = Renderer::new(gpu(), scene.clone(), &camera, &settings).unwrap();
     let mut looking = Renderer::with_glance(gpu(), scene, &camera, &settings, [8, 6]).unwrap();

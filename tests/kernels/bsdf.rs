@@ -40,7 +40,7 @@ struct Lobes {
     coat_roughness: f64,
     /// Angle of the coat's normal to the base's, in the xz plane.
     coat_tilt: f64,
-    /// Roughness along the tangent +x; none: as across.
+    /// Roughness along the tangent +x; `None`: the same as across.
     along: Option<f64>,
     sheen: f64,
     sheen_roughness: f64,

@@ -35,7 +35,7 @@ const ALPHA: f64 = 0.3;
 struct Record {
     head: RecordHead,
     irradiance: DVec3,
-    /// By channel.
+    /// The translational gradient, by channel.
     translation: [DVec3; 3],
     rotation: [DVec3; 3],
     reach: Option<[[f32; 2]; 2]>,
@@ -158,7 +158,7 @@ impl Setup {
         self.run_after(gpu, features, None)
     }
 
-    /// With other records `before`, the radiance is what these change of it.
+    /// If there are other records `before`, the radiance is the change from their light to these records' light.
     fn run_after(&self, gpu: &Gpu, features: &Features, before: Option<&Setup>) -> Outcome {
         let count = self.points.len();
         let records = self.view_records(gpu);
@@ -363,8 +363,9 @@ fn light_is_that_of_all_records_in_reach(gpu: &Gpu) {
     assert!(doubts * 20 < checked && queued > 100 && queued + 100 < listed && listed + 1000 < checked);
 }
 
-/// The same for points that lie side by side, so that the records which reach none of a subgroup's points are left out:
-/// subgroups in one block and in several, with points that are missing, and lists of few records and of none.
+/// The same holds for points that lie side by side, so that the records which reach none of a subgroup's points are
+/// left out. The cases: subgroups in one block and in several, with points that are missing, and lists of few records
+/// and of none.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn light_of_neighbouring_points_is_that_of_all_records_in_reach(gpu: &Gpu) {
     let plain = device_features(gpu);

@@ -68,7 +68,7 @@ fn points(scene: &Scene, shape: &GridShape) -> Vec<CellPoint> {
     cells.into_values().filter(|all| all.len() >= RAYS as usize).flat_map(|all| all[..RAYS as usize].to_vec()).collect()
 }
 
-/// Whether a punctual light is visible from the point; none where that depends on rounding.
+/// Whether a punctual light is visible from the point; `None` if that depends on rounding.
 fn is_visible(scene: &Scene, light: usize, point: &CellPoint) -> Option<bool> {
     let position = Vec3::from(point.position).as_dvec3();
     let (direction, distance) = match light {

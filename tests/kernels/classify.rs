@@ -18,7 +18,7 @@ use crate::rooms::{Random, Room, nearest_kinds, point_normal};
 
 struct Outcome {
     words: Vec<u32>,
-    /// The cells of the points; none if they are not shown.
+    /// The cells of the points; empty if they are not shown.
     cells: Vec<ShownCell>,
     counters: Vec<u32>,
     boundary_queue: Vec<u32>,
@@ -191,7 +191,7 @@ struct Comparison {
     counts: [usize; 5],
     /// Boundary and unknown candidates whose nearest photons are of one kind.
     undecided: usize,
-    /// Candidates that the paper's counting should know and does not.
+    /// Candidates that the paper's counting should decide and does not.
     over_budget: usize,
     /// Candidates whose class or counts are not those of brute force.
     wrong: Vec<String>,
@@ -237,7 +237,7 @@ fn a_room_is_classified_as_by_brute_force(gpu: &Gpu) {
     }
 }
 
-/// Shown cells are those of the grid, and what they tell holds by brute force for each of their points. Missing photons
+/// Shown cells are those of the grid, and by brute force their classes hold for each of their points. Missing photons
 /// are found.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn shown_cells_are_those_that_decide(gpu: &Gpu) {

@@ -428,7 +428,7 @@ fn noise_is_removed_as_far_as_it_is_known(gpu: &Gpu) {
     assert!(unknown > 0.9 * 0.01, "{unknown}");
 }
 
-/// Of one sample noise is told from edges and slopes by how differences grow with distance.
+/// For a single sample, noise is distinguished from edges and slopes by how differences grow with distance.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn single_samples_lose_noise_and_keep_edges(gpu: &Gpu) {
     const SIZE: usize = 32;
@@ -437,7 +437,7 @@ fn single_samples_lose_noise_and_keep_edges(gpu: &Gpu) {
     let mut random = Random(21);
     let noisy = single.clone().light(|_, _| if random.uniform() < 0.5 { 0.9 } else { 1.1 }, 0.0).red(gpu);
     let left = noisy.iter().map(|value| (value - 1.0).powi(2)).sum::<f64>() / noisy.len() as f64;
-    // What 5 x 5 pixels tell of the variance is noisy itself, and Stein's estimate returns some of the noise.
+    // The estimate of the variance from 5 x 5 pixels is noisy itself, and Stein's estimate returns some of the noise.
     assert!(left < 0.01 / 2.0, "{left}");
     let edge = |x: usize, y: usize| if x + y / 3 < SIZE / 2 { 1.0 } else { 2.0 };
     let kept = single.light(edge, 0.0).red(gpu);
@@ -446,7 +446,8 @@ fn single_samples_lose_noise_and_keep_edges(gpu: &Gpu) {
     assert!(worst < 0.1, "{worst}");
 }
 
-/// A texture is kept where halves show that the variance is not that of independent samples, and is lost where it is.
+/// A texture is kept if the halves show that the variance is below that of independent samples, and is lost if it is
+/// not.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn halves_tell_how_much_is_noise(gpu: &Gpu) {
     const SIZE: usize = 48;
@@ -506,7 +507,7 @@ fn edges_beyond_noise_stay(gpu: &Gpu) {
 }
 
 /// A firefly changes no other pixel by more than noise does, although its own variance would allow any difference. Nor
-/// do two in one window, of which each is a part of the other's neighbours.
+/// do two fireflies in one window, although each is among the other's neighbours.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn a_firefly_does_not_spread(gpu: &Gpu) {
     const SIZE: usize = 32;

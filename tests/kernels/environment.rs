@@ -183,7 +183,7 @@ impl Cells {
         cells
     }
 
-    /// The cell of a direction. None within `margin` patches of the border of a patch, where rounding decides.
+    /// The cell of a direction. `None` within `margin` patches of the border of a patch, where rounding decides.
     fn of(&self, panorama: &Panorama, rotation: f64, direction: DVec3, margin: f64) -> Option<usize> {
         let at = texel_of(panorama, rotation, direction) + DVec2::new(-0.5, 0.5);
         let patch = DVec2::new(at.x.rem_euclid(f64::from(panorama.width)), at.y);

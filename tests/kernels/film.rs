@@ -164,7 +164,7 @@ fn the_layers_of_one_light_are_found_among_many(gpu: &Gpu) {
     }
 }
 
-/// A plane that took over the sums of another keeps them while that one goes on.
+/// A plane that took over the sums of another keeps them while samples are added to that one.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn a_snapshot_keeps_the_sums_so_far(gpu: &Gpu) {
     let film = film(gpu);

@@ -72,7 +72,7 @@ fn coarsest(rays: &Rays) -> (i32, f64) {
     (log.ceil() as i32, (log - log.round()).abs())
 }
 
-/// The point's cells from coarse to fine; none where rounding decides which they are.
+/// The point's cells from coarse to fine; `None` if they depend on rounding.
 fn cells_of(rays: &Rays) -> Option<Vec<Key>> {
     let (exponent, margin) = coarsest(rays);
     let cells: Vec<_> = (0..5).map(|level| cell_at(rays, exponent - level as i32, level)).collect();

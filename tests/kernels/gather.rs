@@ -241,7 +241,7 @@ fn records_are_closed_forms_of_a_ceiling(gpu: &Gpu) {
         let gathering = Gathering { waves, ..Gathering::new(&stage, &known) };
         let (by_seed, followed) = gathering.run(gpu, &points, &[0, 1, 2, 3], 0..SEEDS);
         assert_eq!(followed, 0);
-        // The part of the way to the horizon that a ring takes, in the mean of all rays.
+        // The part of the way to the horizon that a ring takes, on average over all rays.
         let of_wave = |wave: &Wave| f64::from(wave.rays) / f64::from(wave.strata()[0]);
         let all: u32 = waves.iter().map(|wave| wave.rays).sum();
         let ring = waves.iter().map(of_wave).sum::<f64>() / f64::from(all);
@@ -348,8 +348,9 @@ fn are_closed_forms_of_a_ceiling(by_seed: &[Vec<Record>], points: &[(DVec3, DVec
     }
 }
 
-/// Rays whose footprint is narrower than the discs go on as paths, which meet no light here. What only focusing
-/// surfaces have scattered they take from the irradiance points, once: all other light of these is wrong by far.
+/// Rays whose footprint is narrower than the discs continue as paths, which meet no light here. They take the light
+/// that only focusing surfaces have scattered from the irradiance points, once: all other light of these is wrong by
+/// far.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn narrow_rays_take_focused_light_from_irradiance_points(gpu: &Gpu) {
     let mut random = Random(5);

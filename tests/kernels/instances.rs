@@ -78,7 +78,7 @@ fn rays_at(scene: &Scene, count: usize) -> Vec<Ray> {
     rays
 }
 
-/// A hierarchy on the device, and what is in it.
+/// A BVH on the device, and its contents.
 struct Traced {
     scene: Scene,
     bvh: Bvh,
@@ -104,7 +104,7 @@ impl Traced {
         Traced { scene, bvh, features: features.with(Feature::Packets, false) }
     }
 
-    /// The instance of each record of the table, by its transform; None for the triangles that are in none.
+    /// The instance of each record of the table, by its transform; `None` for triangles that are in no instance.
     fn records(&self) -> Vec<Option<Instance>> {
         let table = self.bvh.instances.unwrap();
         let rows = self.bvh.triangles[table.base as usize..].chunks(7).map(|record| [record[4], record[5], record[6]]);

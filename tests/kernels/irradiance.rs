@@ -228,7 +228,7 @@ fn density(photons: &[Photon], shape: &GridShape, x: Vec3, n: DVec3, shrink: f64
 }
 
 /// The area of the surface in the search ellipsoid over that of the disc, by probes, and the clear part of its radius;
-/// None where rounding decides.
+/// `None` if rounding decides.
 fn covered(stage: &Stage, irradiance_point: &Photon, radius: f64) -> Option<(f64, f64)> {
     covered_about(stage, Vec3::from(irradiance_point.position), photon_normal(irradiance_point.word), radius)
 }

@@ -100,7 +100,7 @@ pub fn run(
 pub struct Emitted {
     pub origin: DVec3,
     pub direction: DVec3,
-    /// Of the first channel.
+    /// Flux of the first channel.
     pub flux: f64,
 }
 
@@ -526,8 +526,8 @@ fn points_of_a_lamp_bring_the_same_light(gpu: &Gpu) {
     assert!(seen > 0.99 && spread < 0.1, "from afar: {spreads:?}");
 }
 
-/// Receivers at a known distance see a little less of a lamp than those infinitely far away: what its points send them
-/// spreads by less where the views know the distance.
+/// Receivers at a known distance see a little less of a lamp than those infinitely far away: the light that its points
+/// send spreads less if the views take the distance into account.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn views_are_for_the_distance_of_the_receivers(gpu: &Gpu) {
     let scene = scene(&[(sphere(DVec3::ZERO, 0.1, 12), false)], &[]);
@@ -886,7 +886,7 @@ fn every_set_of_kinds_composes() {
     }
     // Highlights are for renders without irradiance records.
     let all = Features::all().with(Feature::Highlights, false);
-    // Packets and shallow hierarchies have no instances.
+    // Packets and shallow BVHs have no instances.
     compose("path", &all.clone().with(Feature::Instances, false)).unwrap();
     let single = all.with(Feature::Packets, false).with(Feature::ShallowBvh, false);
     compose("path", &single).unwrap();

@@ -1,4 +1,5 @@
-//! Pass `light_buffer` against f64 lines: what it calls lit sees all of the light, what it calls shadowed none of it.
+//! Pass `light_buffer` against f64 lines: points classified lit see all of the light, points classified shadowed see
+//! none of it.
 
 use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, POISON, kernel_test};
@@ -111,7 +112,7 @@ fn light_points(scene: &Scene, light: usize, position: DVec3, random: &mut Rando
     }
 }
 
-/// What lines from a point to a light say: how many reach it, how many do not, how many depend on rounding.
+/// Counts of lines from a point to a light: how many reach it, how many do not, how many depend on rounding.
 fn lines(scene: &Scene, light: usize, point: &Point, random: &mut Random) -> [u32; 3] {
     let (position, normal) = (Vec3::from(point.position).as_dvec3(), oct_decode(point.normal, 16));
     let mut counts = [0; 3];

@@ -34,7 +34,8 @@ fn material(double_sided: bool, emissive: Vec3) -> Material {
     Material { metallic: 0.0, emissive, double_sided, ..Material::default() }
 }
 
-/// A scene of rectangles in the order of its hierarchy; those of the emissive material are light 0, `more` follow.
+/// A scene of rectangles in the order of its BVH. The rectangles of the emissive material are light 0; `more` lights
+/// follow.
 fn scene(rectangles: &[(Rectangle, u32)], more: Vec<LightKind>) -> (Scene, Bvh) {
     let mut corners = Vec::new();
     let mut materials = Vec::new();
@@ -151,7 +152,7 @@ fn trace(gpu: &Gpu, scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Trace
     }
 }
 
-/// The photons that a ray should store: position, normal, whether a shadow photon. None if a hit is within 1e-5 of an
+/// The photons that a ray should store: position, normal, whether a shadow photon. `None` if a hit is within 1e-5 of an
 /// edge, where rounding decides.
 fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>> {
     let (origin, direction) = (ray[0].as_dvec3(), ray[1].as_dvec3());

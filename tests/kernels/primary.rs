@@ -622,8 +622,8 @@ fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
     assert!((guide_position - Vec4::new(0.0, 0.0, 0.6, 1.0)).abs().max_element() < 5e-3, "{guide_position}");
 }
 
-/// A pane of clear glass between two walls: the guides are of the wall in front where the ray is refracted, and of the
-/// one behind the camera where it is reflected, which chance decides.
+/// A pane of clear glass between two walls: the guides belong to the wall in front if the ray is refracted, and to the
+/// wall behind the camera if it is reflected. Chance decides which.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn guides_tell_what_chance_chose(gpu: &Gpu) {
     let pane = square(DVec3::ZERO, DVec3::X * 0.4, DVec3::Y * 0.4);

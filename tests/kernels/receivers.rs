@@ -36,7 +36,7 @@ fn lights() -> Scene {
 }
 
 /// The part of the receivers' sphere that a ray passes: the octant of the ray's point nearest to the centre, and
-/// whether that point is in the inner or the outer half. None if the ray misses the sphere.
+/// whether that point is in the inner or the outer half. `None` if the ray misses the sphere.
 fn part(ray: &Emitted, spare: f64) -> Option<usize> {
     let (centre, radius) = (RECEIVERS.centre.as_dvec3(), f64::from(RECEIVERS.radius));
     let ahead = (centre - ray.origin).dot(ray.direction);

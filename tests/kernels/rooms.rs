@@ -186,8 +186,8 @@ impl Room {
     }
 }
 
-/// The kinds of the nearest k photons of light `light`: (n_i, n_s), or None for fewer than k within `reach`; no answer
-/// if it depends on rounding.
+/// The kinds of the nearest k photons of light `light`: (n_i, n_s), or `None` for fewer than k within `reach`; no
+/// answer if it depends on rounding.
 pub fn nearest_kinds(
     photons: &[Photon],
     point: &Point,

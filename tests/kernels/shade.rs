@@ -54,9 +54,9 @@ struct Setup {
 struct Outcome {
     radiance: Vec<[f32; 4]>,
     shadow_samples: Vec<[f32; 4]>,
-    /// Points that were queued for light points, in order; none if there is no queue.
+    /// Points that were queued for light points, in order; `None` if there is no queue.
     sampled: Option<Vec<u32>>,
-    /// Points that were counted as having other terms than those that classes tell.
+    /// Points that were counted as having terms that do not follow from classes.
     sampled_count: u32,
     /// Points that were counted as not finite.
     not_finite: u32,
@@ -179,7 +179,7 @@ impl Setup {
         }
     }
 
-    /// Whether a candidate has terms beside those that its class tells.
+    /// Whether a candidate has terms besides those that follow from its class.
     fn is_sampled(&self, candidate: usize, word: u32, bits: u32) -> bool {
         let i = candidate % self.candidates.points.len();
         let light = self.candidates.chunk[0] + (candidate / self.candidates.points.len()) as u32;

@@ -13,7 +13,7 @@ use penumbra::settings::{Settings, Technique};
 
 use crate::kit::{device_features, new_kernel};
 
-/// A scene, its triangles in the order of the hierarchy, and its tables.
+/// A scene, its triangles in the order of the BVH, and its tables.
 pub struct Stage {
     pub scene: Scene,
     pub features: Features,
@@ -129,7 +129,7 @@ pub struct LightPoint {
 }
 
 impl LightPoint {
-    /// Whether the shadow ray is unoccluded; None if that depends on rounding.
+    /// Whether the shadow ray is unoccluded; `None` if that depends on rounding.
     pub fn visible(&self, scene: &Scene) -> Option<bool> {
         // As in the pass, the ray ends before the light's own surface.
         let end = self.distance * (1.0 - 1e-4);

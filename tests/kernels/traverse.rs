@@ -34,14 +34,14 @@ pub fn ray(origin: Vec3, direction: Vec3) -> Ray {
     Ray { origin, direction, t_max: FAR }
 }
 
-/// A hierarchy on the device, and how kernels read it.
+/// A BVH on the device, and how kernels read it.
 struct Traced {
     bvh: Bvh,
     packet_nodes: Vec<[f32; 4]>,
     features: Features,
 }
 
-/// The nodes and the triangles of a hierarchy, in the tables that the features say.
+/// The nodes and the triangles of a BVH, in the tables that the features select.
 pub fn tables(gpu: &Gpu, bvh: &Bvh, features: &Features) -> [Table; 2] {
     if features.has(Feature::LayeredTexels) {
         let nodes = gpu.layered_table("test/nodes", &bvh.nodes, TableFormat::Uint);
@@ -55,7 +55,7 @@ pub fn tables(gpu: &Gpu, bvh: &Bvh, features: &Features) -> [Table; 2] {
     }
 }
 
-/// What an entry point answers for each ray, in `words` vectors. `tables` are those that the kernel reads.
+/// The answers of an entry point for each ray, in `words` vectors. `tables` are the tables that the kernel reads.
 pub fn trace(
     gpu: &Gpu,
     kernel: &Kernel,
@@ -244,8 +244,8 @@ pub fn closed_box(half: f32) -> Vec<Triangle> {
 }
 
 /// The closest hit is that of a loop over all triangles in f64, in random soups of 1 to 5,000 triangles. Packets and
-/// rays one by one, textures and storage buffers, small stacks and those for the deepest hierarchies, and the kernel's
-/// own loop over all triangles give the same bits.
+/// rays one by one, textures and storage buffers, small stacks and stacks for the deepest BVHs, and the kernel's own
+/// loop over all triangles give the same bits.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn closest_hits_are_those_of_all_triangles(gpu: &Gpu) {
     let rays = random_rays(2000);
@@ -274,7 +274,7 @@ fn closest_hits_are_those_of_all_triangles(gpu: &Gpu) {
     assert_eq!(deepest_of_registers, Some(&5), "{depths:?}: registers are never full");
 }
 
-/// The comparison finds a stack that overflows: registers of a shallow hierarchy are too few for a deep one.
+/// The comparison finds a stack that overflows: the registers for a shallow BVH are too few for a deep one.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn a_stack_that_overflows_is_found(gpu: &Gpu) {
     let rays = random_rays(2000);
@@ -306,7 +306,7 @@ fn planted_faults_are_found(gpu: &Gpu) {
     }
 }
 
-/// The comparison finds the hits that are lost when one box of the hierarchy is too small.
+/// The comparison finds the hits that are lost if one box of the BVH is too small.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn a_shrunk_box_is_found(gpu: &Gpu) {
     let rays = random_rays(2000);
@@ -434,7 +434,7 @@ fn rays_along_axes_meet_grids_at_their_corners(gpu: &Gpu) {
     }
 }
 
-/// Of coincident triangles the one with the lowest primitive index is hit, whichever the traversal reaches first.
+/// Among coincident triangles, the one with the lowest primitive index is hit, whichever the traversal reaches first.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn coplanar_duplicates_go_to_the_lowest_primitive_index(gpu: &Gpu) {
     let triangles: Vec<Triangle> = soup(40, 0.5).into_iter().flat_map(|triangle| [triangle; 9]).collect();
@@ -495,7 +495,7 @@ fn slivers_leave_no_gaps(gpu: &Gpu) {
     }
 }
 
-/// Traversal gives right hits in a hierarchy of 100,000 triangles that share one centroid.
+/// Traversal gives right hits in a BVH of 100,000 triangles that share one centroid.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn identical_centroids_are_traced(gpu: &Gpu) {
     let mut random = Random(11);

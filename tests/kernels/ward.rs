@@ -18,7 +18,7 @@ use crate::stage::{Stage, hash1, oct_encode, whole};
 
 /// More lights than one dispatch of `order` processes.
 const LIGHTS: usize = 70;
-/// Light points asked for, of which point lights take one.
+/// Light points requested; point lights take one.
 const ASKED: u32 = 2;
 const SAMPLES: u32 = 1;
 const ALBEDO: f32 = 0.6;
@@ -58,7 +58,7 @@ fn room(lamps: &[Lamp]) -> Scene {
 /// The visibility bits of a candidate: random, with a different probability for each light.
 fn bits(candidate: u32, points: u32) -> u32 {
     let (light, word) = (candidate / points, hash1(candidate));
-    // Bits beyond its light points say nothing of a light.
+    // Bits beyond a light's light points are not used.
     let of = |j: u32| u32::from((word >> (8 * j) & 255) < 40 + 3 * light) << j;
     (0..ASKED).map(of).sum()
 }

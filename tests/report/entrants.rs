@@ -41,7 +41,7 @@ fn reference(variance: f32) -> Reference {
     Reference { image, goal: None }
 }
 
-/// What is wrong with an image: the same in all runs, and in each run on its own.
+/// Errors planted in an image: the part that is the same in all runs, and the part of each run.
 #[derive(Clone, Copy)]
 struct Wrong {
     common: f32,
@@ -93,8 +93,8 @@ fn of(report: &Report, entrant: Entrant) -> &EntrantReport {
 
 const DENOISED: Entrant = Entrant { technique: Some(Technique::PATH), denoise: Denoise::Statistical };
 
-/// The bias of a denoiser is told from its variance, and one that falls with the samples from one that stays. What is
-/// planted is found to the rounding of f32.
+/// A denoiser's bias is distinguished from its variance, and a bias that falls with the samples from one that stays.
+/// The planted values are found, up to the rounding of f32.
 #[test]
 fn a_bias_that_falls_is_told_from_one_that_stays() {
     let scene = Box::load();
@@ -130,8 +130,8 @@ fn a_bias_that_falls_is_told_from_one_that_stays() {
     }
 }
 
-/// The time of an image includes the denoiser's, and the slope, which is that of sampling, does not. The estimate is
-/// compared with the error that is not the reference's.
+/// The time of an image includes the denoiser's; the slope includes sampling only. The estimate is compared with the
+/// error without the reference's.
 #[test]
 fn time_and_estimate_are_those_of_the_denoised_image() {
     let scene = Box::load();
@@ -171,7 +171,8 @@ fn time_and_estimate_are_those_of_the_denoised_image() {
 /// Renders of four samples: fewer leave the bias in doubt.
 const RENDERS: u32 = 12;
 
-/// A denoiser of four samples of the box: its error is less than that of the samples, and about what it expects.
+/// Denoising four samples of the box gives less error than the samples have, and about as much as the denoiser
+/// estimates.
 #[test]
 fn a_denoised_image_has_the_error_that_it_expects() {
     let scene = Box::load();
@@ -241,12 +242,12 @@ fn a_denoised_image_has_the_error_that_it_expects() {
     // So small an image is about one region, and few regions give an estimate within a factor of three.
     let ratio = denoised.estimate_ratio.unwrap().value;
     assert!((1.0 / 3.0..3.0).contains(&ratio), "{ratio}");
-    // It tells the denoised image from the raw one.
+    // The estimate distinguishes the denoised image from the raw one.
     assert!(denoised.estimate.unwrap().value * 3.0 < raw.relmse.value);
 }
 
-/// What a run shows is what the denoiser makes of its samples, and the raw image is kept beside it: the same bits as a
-/// render of that many samples.
+/// A run shows the denoised image of its samples and keeps the raw image: both have the bits of a render with that many
+/// samples.
 #[test]
 fn a_run_shows_the_denoised_image_and_keeps_the_raw_one() {
     let scene = Box::load();

@@ -182,7 +182,7 @@ fn pointers_move_cameras_lights_and_materials() {
     animate(&mut file, &[0., 1.], &[[0f32, 0., 1., 1.], [1., 0., 0., 1.]], "LINEAR", colour);
     assert_eq!(file.load_with(&at(0.5)).unwrap().materials[0].base_colour, glam::Vec4::new(0.5, 0.0, 0.5, 1.0));
 
-    // What import does not know is noted, if the animation is played.
+    // A property that import does not support gives a note, if the animation is played.
     let target = "/materials/0/extensions/ACME_glow/power";
     let noted = |scene: &Scene| scene.notes.iter().any(|note| note.contains(target));
     assert!(noted(&load(target, &[[0.0], [1.0]])));
@@ -327,7 +327,7 @@ fn pointers_lead_to_whole_numbers() {
     }
 }
 
-/// No property of an unknown extension is known, and none is refused.
+/// Properties of an unknown extension are noted, and none is refused.
 #[test]
 fn animations_of_unknown_properties_are_noted() {
     let file = with_bytes(File::triangle(), "/nodes/0/extensions/ACME_switch/on", [0, 1, 1], "STEP");

@@ -206,7 +206,7 @@ fn lenses_have_the_size_of_their_f_number() {
     assert!(problem.contains("orthographic"), "{problem}");
 }
 
-/// A camera that can see nothing says why.
+/// A camera that can see nothing gives a note with the reason.
 #[test]
 fn views_without_anything_in_them_are_reported() {
     let mut file = File::new();

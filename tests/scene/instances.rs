@@ -197,7 +197,7 @@ fn variants() {
     assert_eq!(colour(&file, Some("red")), grey(0.75));
     assert_eq!(colour(&file, Some("blue")), grey(0.5));
     assert_eq!(colour(&file, Some("green")), grey(0.5));
-    // A primitive that knows no variant keeps its material.
+    // A primitive without variants keeps its material.
     assert_eq!(colour(&plain, Some("red")), grey(0.25));
     let note = "there is: red, blue, green";
     assert!(load(&file, None).unwrap().notes.iter().any(|n| n.contains(note)));
@@ -328,7 +328,7 @@ fn meshes_are_stored_once() {
     assert!(surfaces(&wrong).iter().zip(&a).any(|(w, a)| DVec3::from(w[1]).distance(DVec3::from(a[1])) > 0.1));
 }
 
-/// Only as many meshes are shared as it takes to keep below the limit, those of most triangles first.
+/// Only as many meshes are shared as the limit requires, the ones with most triangles first.
 #[test]
 fn few_copies_stay_copies() {
     let copies = 100;

@@ -404,7 +404,7 @@ fn cube(centre: [f32; 3], half: f32) -> Vec<[f32; 3]> {
     QUADS.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).map(corner).collect()
 }
 
-/// What a primitive lies in is the smallest closed volume that encloses it.
+/// A primitive lies in the smallest closed volume that encloses it.
 #[test]
 fn volumes_within_volumes() {
     let volume = |thickness: f64, ior: f64| {
@@ -458,7 +458,7 @@ fn volumes_within_volumes() {
     assert!(open.load().materials.iter().all(|material| material.medium.is_none()));
 }
 
-/// Of many volumes each is found by what lies in it: stones in every other one of 216 drops, and beside the others.
+/// Among many volumes, each primitive finds its own: stones lie in every other one of 216 drops, and beside the others.
 #[test]
 fn stones_lie_in_their_own_drops() {
     let mut file = File::new();

@@ -56,8 +56,8 @@ fn matters(message: &Value) -> bool {
     message["severity"] == 0 && !IRRELEVANT.iter().any(|(c, part, _)| code.starts_with(c) && is_at(part))
 }
 
-/// A file that takes so long to load is a loop or a decompression bomb. Each of them needs milliseconds, but a busy
-/// machine has been seen to pause for five seconds.
+/// A file that takes longer than this to load is a loop or a decompression bomb. Each file needs milliseconds, but a
+/// busy machine has been seen to pause for five seconds.
 const HANGING: Duration = Duration::from_secs(120);
 
 #[test]

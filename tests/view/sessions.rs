@@ -66,10 +66,10 @@ fn a_picture_after_movements_has_the_bits_of_a_render() {
     }
 }
 
-/// The first picture is small, and neither photons of visibility nor denoisers delay it: they are for the next one.
+/// The first picture is small. Neither visibility photons nor denoisers delay it; they are for the next picture.
 #[test]
 fn the_first_picture_comes_before_photons() {
-    // 64 x 48 pixels have so many shadow rays that photons pay, and so would a quarter of each side.
+    // At 64 x 48 pixels there are enough shadow rays for photons to pay off, and at a quarter of each side too.
     let settings = Settings::builder().size(64, 48).spp(16_384).build().unwrap();
     let mut session = session(gpu(), BOX.as_ref(), settings.clone());
     // As they are of a render.
@@ -238,7 +238,8 @@ fn a_picked_point_has_the_photons_that_decide_it() {
     assert!(shown.picked.is_none() && shown.pixels == unmarked);
 }
 
-/// The share of points of the light that a point sees, from f64 rays among all triangles; none if the light is behind.
+/// The share of points of the light that a point sees, from f64 rays among all triangles; `None` if the light is
+/// behind.
 fn light_share(scene: &Scene, point: &SurfacePoint) -> Option<f64> {
     let triangles = || (0..scene.triangles.len()).map(|i| (i, scene.triangle_positions(i).map(|p| p.as_dvec3())));
     let emits = |i: usize| scene.triangles[i].light != NO_LIGHT;
@@ -335,7 +336,7 @@ fn a_camera_is_saved_into_a_copy_of_the_scene() {
         };
         assert!(chunk(&copy) == chunk(&file));
     }
-    // Nothing is replaced without being asked, and no file becomes one of another kind.
+    // Nothing is replaced unless `replace` is requested, and no file becomes one of another kind.
     let before = fs::read(&file).unwrap();
     let told = |session: &mut Session<'_>, command| settle(session, [command]).message.unwrap();
     assert!(told(&mut session, save("scene.glb", "side", false)).contains("is the open file"));
@@ -452,7 +453,7 @@ fn another_scene_has_no_variant_of_the_first() {
     assert!(*sphere.pixels == bytes(&render(SPHERE, None, &settings())));
 }
 
-/// Settings that cannot be rendered leave a message; others go on.
+/// Settings that cannot be rendered leave a message; others are rendered.
 #[test]
 fn settings_that_contradict_leave_a_message() {
     let mut session = session(gpu(), BOX.as_ref(), settings());

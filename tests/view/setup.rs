@@ -71,7 +71,7 @@ pub fn session<'g>(gpu: &'g Gpu, file: &Path, settings: Settings) -> Session<'g>
     Session::new(gpu, state(file, settings))
 }
 
-/// Obeys the commands, and goes on until nothing is left to do. Returns the last picture.
+/// Executes the commands, and steps until nothing is left to do. Returns the last picture.
 pub fn settle(session: &mut Session<'_>, commands: impl IntoIterator<Item = Command>) -> Snapshot {
     commands.into_iter().for_each(|command| session.command(command));
     loop {

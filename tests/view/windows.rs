@@ -46,7 +46,7 @@ fn a_bad_scene_opens_no_window() {
     }
 }
 
-/// While the driver compiles kernels that it has never seen, the window tells how far it is, and so goes on.
+/// While the driver compiles kernels that it has never seen, the window shows its progress and keeps drawing.
 #[test]
 fn a_window_tells_of_compilation() {
     // A cache of its own, and empty.

@@ -8,7 +8,7 @@ use crate::compose::Composed;
 use crate::error::Result;
 use crate::uniforms::{FIRST_GROUP_BINDING, GROUP, PARAMETER_BINDING};
 
-/// What a device is to be spared.
+/// Features that kernels must avoid on a device.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Device {
     /// It has no immediates: kernels take their parameters from a uniform buffer.

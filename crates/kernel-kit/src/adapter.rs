@@ -28,7 +28,7 @@ impl std::str::FromStr for DeviceChoice {
     }
 }
 
-/// What a device says of itself.
+/// Description of a device by its driver.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct DeviceInfo {
@@ -51,7 +51,7 @@ impl DeviceInfo {
     }
 }
 
-/// What of a device is used.
+/// The part of a device's features and limits that is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum DeviceLimits {
     /// All that it has.
@@ -60,8 +60,8 @@ pub enum DeviceLimits {
     /// The least that a desktop's Vulkan device has, whatever this one has: no timestamps, no subgroups, no immediates
     /// except on lavapipe, and [`DeviceLimits::least`]. For tests.
     Least,
-    /// All that it has, used as that of a GPU, also on a software device: tables are storage buffers, passes are
-    /// sliced, [`Gpu::is_software`](crate::Gpu::is_software) is false. For tests.
+    /// All of the device's features and limits, and a software device is treated like a GPU: tables are storage
+    /// buffers, passes are sliced, [`Gpu::is_software`](crate::Gpu::is_software) is false. For tests.
     Gpu,
 }
 
@@ -79,15 +79,16 @@ impl std::str::FromStr for DeviceLimits {
 }
 
 impl DeviceLimits {
-    /// WebGPU's limits, which browsers ask of every desktop device, but for storage buffers: 10 to a stage, not 8. That
-    /// is what wgpu leaves of SwiftShader's, and what Chrome offers (github.com/gfx-rs/wgpu/issues/9287). All GPUs
-    /// that can have WebGPU report 16 or more (github.com/gpuweb/gpuweb/issues/4235).
+    /// WebGPU's limits, which browsers require of every desktop device, except that storage buffers are 10 per stage,
+    /// not 8. That is what wgpu leaves for kernels on SwiftShader, and what Chrome offers
+    /// (github.com/gfx-rs/wgpu/issues/9287). All GPUs that can have WebGPU report 16 or more
+    /// (github.com/gpuweb/gpuweb/issues/4235).
     pub const fn least() -> wgpu::Limits {
         wgpu::Limits { max_storage_buffers_per_shader_stage: 10, ..wgpu::Limits::defaults() }
     }
 }
 
-/// What the kit uses where it is there.
+/// Optional features that the kit uses if they are there.
 const WELCOME: wgpu::Features =
     wgpu::Features::IMMEDIATES.union(wgpu::Features::TIMESTAMP_QUERY).union(wgpu::Features::SUBGROUP);
 
@@ -106,7 +107,7 @@ pub(crate) fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::VULKAN))
 }
 
-/// What the adapter says of itself.
+/// The driver's description of the adapter.
 pub(crate) fn describe(adapter: &wgpu::Adapter) -> DeviceInfo {
     let info = adapter.get_info();
     DeviceInfo {
@@ -159,8 +160,8 @@ pub(crate) fn choose(instance: &wgpu::Instance, choice: &DeviceChoice) -> Result
     Ok((adapters.swap_remove(index), infos.swap_remove(index)))
 }
 
-/// Features and limits of [`DeviceLimits::Least`]. Lavapipe keeps its immediates: without them that of Mesa 22.3
-/// crashes in some kernels, where the backtrace points to loops whose ends come from a uniform buffer.
+/// Features and limits of [`DeviceLimits::Least`]. Lavapipe keeps its immediates: without them, lavapipe of Mesa 22.3
+/// crashes in some kernels, and the backtrace points to loops whose ends come from a uniform buffer.
 fn min_request(adapter: &wgpu::Adapter) -> (wgpu::Features, wgpu::Limits) {
     let crashes = adapter.get_info().driver == "llvmpipe";
     let kept = if crashes { wgpu::Features::IMMEDIATES } else { wgpu::Features::empty() };

@@ -1,9 +1,9 @@
 //! Compiling ahead of the first dispatch.
 //!
-//! A software device translates a kernel to machine code when it is first dispatched, all of them one after the other
-//! on the queue's thread: seconds, unless the driver's cache on disk has them. So kernels are dispatched over no
-//! workgroups before anything is timed; and where the cache has none of them, devices opened for nothing else fill it
-//! from the other cores.
+//! A software device translates a kernel to machine code when the kernel is first dispatched, one after the other on
+//! the queue's thread. This takes seconds, unless the driver's cache on disk has the kernels. So kernels are dispatched
+//! over no workgroups before anything is timed. If the cache has none of them, further devices that are opened for this
+//! purpose fill it from the other cores.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -36,9 +36,9 @@ impl Gpu {
         if waiting.is_empty() {
             return Ok(());
         }
-        // Small kernels tell soonest whether the cache has them.
+        // Small kernels show soonest whether the cache has them.
         waiting.sort_by_cached_key(|kernel| kernel.entry.interface.inlined_size(&kernel.source));
-        // The first kernel would seem to take the time of what was uploaded before it.
+        // Otherwise the time of pending uploads would count for the first kernel.
         self.wait("uploads")?;
         let submit = |commands| self.submit([commands]);
         let (device, queue) = (&self.device, &self.queue);
@@ -67,10 +67,10 @@ impl Gpu {
         self.wait(&kernel.entry.interface.label())
     }
 
-    /// Has this device translate kernels, which are sorted by size, from the smallest on, and further devices from the
-    /// largest on: begun last, it would keep one core busy while the others wait. What those have translated this
-    /// device then finds in the driver's cache; what fails there fails here as well, which says so. `watch` hears how
-    /// many are done.
+    /// Translates kernels, which are sorted by size, on all cores: this device starts with the smallest, further
+    /// devices with the largest, because a large kernel that starts last would keep one core busy while the others
+    /// wait. This device then finds the kernels of the other devices in the driver's cache. Kernels that fail on
+    /// another device fail here again, which reports the error. `watch` is called with the number of finished kernels.
     fn translate_on_all_cores(
         &self,
         stage: &mut Stage,
@@ -184,8 +184,8 @@ impl Stage<'_> {
                 }));
             }
         };
-        // What copies cannot reach wgpu clears by drawing, and once anything has been drawn llvmpipe takes the time of
-        // passes at the next drawing: all would seem to take none.
+        // wgpu clears a texture that is no copy target by drawing. Once anything has been drawn, llvmpipe takes the
+        // timestamps of passes at the next drawing, so all passes would seem to take no time.
         let usage = kind | wgpu::TextureUsages::COPY_DST;
         let same = |(texture, _): &&(wgpu::Texture, _)| {
             (texture.format(), texture.size(), texture.usage()) == (format, size, usage)

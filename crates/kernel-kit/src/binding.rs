@@ -1,10 +1,10 @@
-//! What is bound to the variables of a kernel, by WGSL name.
+//! Resources that are bound to the variables of a kernel, by WGSL name.
 
 use std::collections::BTreeMap;
 
 use crate::buffer::{Buffer, Table};
 
-/// What is bound to a WGSL variable.
+/// A resource that is bound to a WGSL variable.
 #[derive(Clone, Copy)]
 pub enum Binding<'a> {
     /// A buffer, or a part of one.
@@ -44,7 +44,7 @@ impl<'a> From<&'a wgpu::TextureView> for Binding<'a> {
 
 /// Resources by the names of the WGSL variables they are for.
 pub trait Bindings {
-    /// What is bound to the variable `name`, if this set has it.
+    /// The resource bound to the variable `name`, if this set has it.
     fn get(&self, name: &str) -> Option<Binding<'_>>;
 }
 
@@ -58,7 +58,7 @@ impl<'a> Resources<'a> {
         Self::default()
     }
 
-    /// With `resource` bound to the variable `name`.
+    /// Adds the binding of `resource` to the variable `name`.
     #[must_use]
     pub fn with(mut self, name: &'static str, resource: impl Into<Binding<'a>>) -> Self {
         self.0.insert(name, resource.into());
@@ -106,7 +106,7 @@ impl Declared {
 ///     pub struct ShadowBindings {
 ///         /// Points to be lit.
 ///         pub points: &Buffer,
-///         /// The hierarchy.
+///         /// The BVH.
 ///         pub bvh_nodes: &Table,
 ///         /// Classes of the points, where points are audited.
 ///         pub classes: Option<&Buffer>,
@@ -143,7 +143,7 @@ macro_rules! bindings {
                 optional: &[$(stringify!($optional)),*],
             };
 
-            /// What is bound to the variable `name`, for as long as the resources live.
+            /// The resource bound to the variable `name`, with the lifetime of the resources.
             #[allow(dead_code)]
             pub fn find(&self, name: &str) -> Option<$crate::Binding<'a>> {
                 $(if name == stringify!($required) { return Some(self.$required.into()); })*

@@ -1,4 +1,4 @@
-//! Buffers and tables: what lies in the device's memory.
+//! Buffers and tables: data in the device's memory.
 
 /// A storage buffer with its label, or a part of one. Clones are the same buffer.
 #[derive(Clone)]
@@ -33,7 +33,7 @@ impl Buffer {
     }
 }
 
-/// Where parts of buffers may begin, in bytes: the coarsest alignment that WebGPU lets a device ask for.
+/// Where parts of buffers may begin, in bytes: the coarsest alignment that WebGPU lets a device require.
 pub const PART_ALIGNMENT: u64 = 256;
 
 /// Read-only records of four 32-bit words that kernels look up at random: a texture of width
@@ -51,13 +51,13 @@ pub enum Table {
 /// [`Frame::publish`](crate::Frame::publish). Where tables are buffers, the table is the buffer.
 #[derive(Clone)]
 pub struct KernelTable {
-    /// What kernels write.
+    /// The buffer that kernels write.
     pub buffer: Buffer,
-    /// What kernels read.
+    /// The table that kernels read.
     pub table: Table,
 }
 
-/// What a table's words are.
+/// The type of a table's words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TableFormat {
     /// `texture_storage_2d<rgba32float, read>` or `array<vec4f>`.
@@ -87,8 +87,8 @@ pub(crate) fn table_rows(rows: u32) -> u32 {
     }
 }
 
-/// What buffers are filled with before a kernel under test runs: a word that is no small count and, read as
-/// a float, is NaN, so that a word the kernel forgot shows.
+/// Value that fills buffers before a kernel under test runs. It is no small count and, read as a float, is NaN, so that
+/// a word that the kernel did not write shows.
 pub const POISON: u32 = 0xffff_dead;
 
 /// Bytes of the smallest buffer that is not empty: a `vec4` is 16 bytes.

@@ -1,8 +1,8 @@
-//! Comparing what a kernel wrote with what an oracle on the CPU says.
+//! Comparing the output of a kernel with the result of an oracle on the CPU.
 //!
-//! Each function compares lane by lane and, where lanes differ, tells how many do, which is the worst, what it holds,
-//! and what went into it: `inputs` is called with that lane's index alone. The result is an error to `unwrap` in a
-//! test; [`must_catch`] turns it round for a fault that was planted to be found.
+//! Each function compares lane by lane. If lanes differ, it reports how many, and for the worst one its values and its
+//! inputs: `inputs` is called with that lane's index alone. The result is an error to `unwrap` in a test;
+//! [`must_catch`] inverts it, for a planted fault that must be found.
 
 use std::fmt::Debug;
 
@@ -29,13 +29,13 @@ pub enum Mismatch {
         lanes: usize,
         /// The one that differs most; the first of those that differ alike.
         lane: usize,
-        /// What the kernel wrote there.
+        /// The kernel's value.
         got: String,
-        /// What the oracle says.
+        /// The oracle's value.
         expected: String,
-        /// By how much they differ, in the unit of the comparison.
+        /// The difference, in the unit of the comparison.
         difference: String,
-        /// What went into that lane.
+        /// The inputs of that lane.
         inputs: String,
     },
 }
@@ -56,8 +56,8 @@ pub fn exact<T: Copy + Debug + Into<i128>>(
     lanes(got, expected, excess, inputs)
 }
 
-/// Floats are the same within `max_ulps` steps from one float to the next. The two zeros are the same; NaN is that of
-/// NaN and an infinity that of itself alone.
+/// Floats are the same within `max_ulps` steps from one float to the next. The two zeros are the same. NaN equals only
+/// NaN, and an infinity equals only itself.
 ///
 /// # Errors
 /// [`Mismatch`], the worst lane being the one that is most steps off.
@@ -89,7 +89,7 @@ pub fn within_relative(
     within(got, expected, |lane| (relative * expected[lane].abs()).max(floor), inputs)
 }
 
-/// Floats are the same within a bound of each lane's own. NaN is that of NaN and an infinity that of itself alone.
+/// Floats are the same within the bound of each lane. NaN equals only NaN, and an infinity equals only itself.
 ///
 /// # Errors
 /// [`Mismatch`], the worst lane being the one that is most times its bound off.
@@ -113,7 +113,7 @@ pub fn within(
     lanes(&got, expected, excess, inputs)
 }
 
-/// Steps from one float to the other; none where just one of them is NaN or infinite, or the infinities differ.
+/// Steps from one float to the other; `None` if only one of them is NaN or infinite, or if the infinities differ.
 pub fn ulps(a: f32, b: f32) -> Option<u32> {
     if a == b || a.is_nan() && b.is_nan() {
         return Some(0);
@@ -138,7 +138,8 @@ pub fn must_catch(fault: &str, outcome: Result<(), Mismatch>) -> Mismatch {
     }
 }
 
-/// Compares lane by lane by `excess`: how bad a difference is, and the words for it; none where there is none.
+/// Compares lane by lane. `excess` returns how large a difference is, and a text for it; `None` if there is no
+/// difference.
 fn lanes<T: Copy + Debug>(
     got: &[T],
     expected: &[T],

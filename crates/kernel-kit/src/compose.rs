@@ -34,7 +34,7 @@ pub struct Composer {
 #[derive(Clone, Debug)]
 struct Module {
     text: Cow<'static, str>,
-    /// Of the text: taken once, for all kernels that are looked for in a folder.
+    /// Digest of the text, computed once for all kernels that are looked up in a folder.
     digest: u128,
 }
 
@@ -64,15 +64,15 @@ impl Composer {
         Composer { modules: BTreeMap::new() }.with_module("kit", kit)
     }
 
-    /// With the module or kernel `path` (`/` between its parts, no extension), in place of one of the same path.
+    /// Adds the module or kernel `path` (`/` between its parts, no extension), or replaces one of the same path.
     #[must_use]
     pub fn with_module(mut self, path: impl Into<String>, wgsl: impl Into<Cow<'static, str>>) -> Self {
         self.modules.insert(path.into(), Module::new(wgsl.into()));
         self
     }
 
-    /// With every `.wgsl` and `.wesl` file of a folder, by its path there without the extension.
-    /// [`embed!`](crate::embed) gives the folder.
+    /// Adds every `.wgsl` and `.wesl` file of a folder, by its path in the folder without the extension.
+    /// [`embed!`](crate::embed) returns the folder.
     #[must_use]
     pub fn with_folder(mut self, folder: &'static include_dir::Dir<'static>) -> Self {
         let mut folders = vec![folder];
@@ -192,7 +192,7 @@ pub struct Composed {
     pub wgsl: String,
     /// The same, parsed.
     pub module: naga::Module,
-    /// What naga found out about it.
+    /// naga's information about it.
     pub info: naga::valid::ModuleInfo,
 }
 
@@ -224,7 +224,7 @@ impl Composed {
         Ok(Composed { kernel: name.to_owned(), wgsl, module, info })
     }
 
-    /// What each entry point takes.
+    /// The inputs of each entry point.
     pub fn taken(&self) -> Vec<Taken> {
         let taken_by = |(index, entry): (usize, &naga::EntryPoint)| {
             let uses = self.info.get_entry_point(index);
@@ -246,7 +246,7 @@ impl Composed {
         self.module.entry_points.iter().enumerate().map(taken_by).collect()
     }
 
-    /// Those of `constants` that are `override`s of this kernel.
+    /// The entries of `constants` that are `override`s of this kernel.
     pub fn overrides<'c>(&self, constants: &[(&'c str, f64)]) -> Vec<(&'c str, f64)> {
         constants.iter().copied().filter(|(name, _)| self.has_override(name)).collect()
     }

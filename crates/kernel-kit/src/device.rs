@@ -22,7 +22,7 @@ pub struct Gpu {
     pub device: wgpu::Device,
     /// Its queue.
     pub queue: wgpu::Queue,
-    /// What it says of itself.
+    /// Description of the device.
     pub info: DeviceInfo,
     /// Kernels read tables through textures here, not storage buffers: on a software device a divergent
     /// storage load costs five to eight texture loads, and some devices allow few storage buffers.
@@ -32,9 +32,9 @@ pub struct Gpu {
     pub subgroup_size: Option<u32>,
     pub(crate) limits: wgpu::Limits,
     pub(crate) adapter: wgpu::Adapter,
-    /// What of the device was asked for.
+    /// The limits that were requested.
     pub(crate) requested: DeviceLimits,
-    /// What kernels are spared.
+    /// Features that kernels must avoid.
     pub(crate) adaptation: adapted::Device,
     pace: Mutex<Pace>,
     slicer: OnceLock<Slicer>,
@@ -116,8 +116,8 @@ impl Gpu {
     /// Takes a device that the caller has opened. If it was opened with the feature `IMMEDIATES` and a
     /// `max_immediate_size` that holds the parameters of the kernels, these are immediates, else a uniform buffer.
     /// Passes are timed if it was opened with `TIMESTAMP_QUERY`, and kernels may use subgroups if with `SUBGROUP`. The
-    /// device's callbacks for uncaptured errors and for its loss are replaced by the kit's: [`Gpu::check`] says what
-    /// they heard.
+    /// device's callbacks for uncaptured errors and for its loss are replaced by the kit's: [`Gpu::check`] returns the
+    /// errors that they received.
     pub fn from_wgpu(adapter: wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Gpu {
         Gpu::new(adapter, device, queue, DeviceLimits::Own)
     }
@@ -180,7 +180,7 @@ impl Gpu {
         self.info.is_software() && self.requested != DeviceLimits::Gpu
     }
 
-    /// The formats of a window's surface, the preferred first; none if the device cannot show the window.
+    /// The formats of a window's surface, the preferred one first; empty if the device cannot show the window.
     pub fn surface_formats(&self, surface: &wgpu::Surface<'_>) -> Vec<wgpu::TextureFormat> {
         surface.get_capabilities(&self.adapter).formats
     }
@@ -222,13 +222,13 @@ impl Gpu {
         }
     }
 
-    /// Has [`Gpu::compile_ahead`] tell `watch` from now on how many kernels the driver has translated, from any thread.
-    /// It says nothing as long as the driver's cache on disk has all of them.
+    /// From now on, [`Gpu::compile_ahead`] calls `watch`, from any thread, with the number of kernels that the driver
+    /// has translated. It makes no call if the driver's cache on disk has all of them.
     pub fn watch_compilation(&self, watch: impl Fn(Compilation) + Send + Sync + 'static) {
         *lock(&self.watch) = Some(Arc::new(watch));
     }
 
-    /// What watches compilation.
+    /// The watcher of compilation.
     pub(crate) fn watch(&self) -> Option<Watch> {
         lock(&self.watch).clone()
     }
@@ -239,7 +239,7 @@ impl Gpu {
         kept.iter().filter(|kernel| lock(kernel).is_some()).count()
     }
 
-    /// The kept kernels; none if they are not to be kept.
+    /// The kept kernels; `None` if kernels are not kept.
     pub(crate) fn kept(&self) -> MutexGuard<'_, Option<Kept>> {
         lock(&self.kept)
     }
@@ -276,7 +276,7 @@ impl Gpu {
         lock(&self.timer)
     }
 
-    /// What went wrong on the device since it was opened, if anything did. `at` names what was under way.
+    /// What went wrong on the device since it was opened, if anything did. `at` names the operation in progress.
     ///
     /// # Errors
     /// [`Error::DeviceLost`], [`Error::OutOfMemory`], or [`Error::Kernel`] for misuse of the device.
@@ -295,7 +295,7 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::check`].
     pub fn wait(&self, at: &str) -> Result<()> {
-        // wgpu panics where the driver tells of a lost device while it waits, after it has told the device's callback.
+        // wgpu calls the device's callback and then panics if the driver reports a lost device while it waits.
         let poll = || self.device.poll(wgpu::PollType::wait_indefinitely());
         let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(poll));
         self.check(at)?;

@@ -1,7 +1,7 @@
 //! The one error type of the kit.
 
-/// What can go wrong on a device or in a kernel. The display form is one line that names the device, the kernel or the
-/// buffer, and what to do.
+/// An error on a device or in a kernel. The display form is one line that names the device, the kernel or the buffer,
+/// and the remedy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// No usable Vulkan device.
@@ -12,7 +12,7 @@ pub enum Error {
     DeviceLost {
         /// The kernel, buffer or call that was under way.
         at: String,
-        /// What the driver said.
+        /// The driver's message.
         problem: String,
     },
     /// The device has no memory left.
@@ -26,7 +26,7 @@ pub enum Error {
     Kernel {
         /// The name that the kernel was composed under.
         kernel: String,
-        /// What the composer, the validator, the driver or the binder said.
+        /// The message of the composer, the validator, the driver or the binder.
         problem: String,
     },
     /// A buffer that the device cannot hold.

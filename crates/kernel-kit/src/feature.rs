@@ -58,7 +58,7 @@ impl<F: Feature> Features<F> {
         F::ALL.iter().copied().collect()
     }
 
-    /// With `feature` in or out.
+    /// The features with `feature` switched on or off.
     #[must_use]
     pub fn with(mut self, feature: F, on: bool) -> Self {
         self.set(feature, on);
@@ -79,7 +79,7 @@ impl<F: Feature> Features<F> {
         self.0.contains(&feature)
     }
 
-    /// Those that are in, in their own order.
+    /// The features that are on, in their own order.
     pub fn iter(&self) -> impl Iterator<Item = F> + '_ {
         self.0.iter().copied()
     }
@@ -103,7 +103,7 @@ impl<F: Feature> Extend<F> for Features<F> {
 }
 
 /// Declares the features of some kernels: an enum whose variants kernels know by their names in snake case, and whose
-/// doc comments are what [`Feature::why`] says. `Variant = "name"` gives another name.
+/// doc comments [`Feature::why`] returns. `Variant = "name"` gives another name.
 ///
 /// ```
 /// use kernel_kit::Feature;

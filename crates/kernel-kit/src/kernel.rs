@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::layout::{OpaqueStruct, SharedStruct, check_layouts};
 use crate::pipeline::{Entries, Entry, Interface, Source, Undispatched};
 
-/// What the host has for a kernel; [`Kernel::new`] compares it with what the kernel takes.
+/// The host's declarations for a kernel; [`Kernel::new`] compares them with the kernel's own.
 ///
 /// `Host::default()` is for a kernel without overrides and structs, whose bindings are checked when it is bound.
 #[derive(Clone, Copy, Default)]
@@ -74,8 +74,8 @@ impl Kernel {
     }
 
     /// The kernel that `make` makes. If the device keeps kernels ([`Gpu::keep_kernels`]), it is made for the first use
-    /// of `key` only, which must tell all kernels of the device apart: by source, features and constants. Other threads
-    /// that use the key wait until it is made.
+    /// of `key` only, which must be different for all kernels of the device: by source, features and constants. Other
+    /// threads that use the key wait until it is made.
     ///
     /// # Errors
     /// Those of `make`.

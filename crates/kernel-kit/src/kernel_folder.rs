@@ -13,7 +13,7 @@ use crate::feature::{Feature, Features};
 /// that differ in what they need.
 const MAX_FILES: usize = 1024;
 
-/// What composes: with another version of it, kernels are composed anew. The manifest has the version of wesl.
+/// Identifies the composer: with another version, kernels are composed anew. The manifest has the version of wesl.
 const COMPOSED_BY: &str = concat!(include_str!("../Cargo.toml"), include_str!("compose.rs"));
 
 /// A folder in which composed kernels are kept for later processes, which then start sooner: composing takes 2 to 30 ms
@@ -137,8 +137,8 @@ mod tests {
         fs::remove_dir_all(&folder.path).unwrap();
     }
 
-    /// What the folder has is what is used: a file with the digest of another text is taken. One that is cut, or that
-    /// holds a text of another kernel, is not: it is written anew.
+    /// A kernel in the folder is used as it is, even if its text is another, as long as its digest is right. A file
+    /// that is cut, or that holds the text of another kernel, is not used, but written anew.
     #[test]
     fn only_whole_files_are_read() {
         let folder = folder("whole");

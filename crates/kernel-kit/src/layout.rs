@@ -60,12 +60,12 @@ macro_rules! shared_struct {
 /// A struct that only kernels read and write, and for which the host makes room: its WGSL name, and its size in bytes.
 pub type OpaqueStruct<'a> = (&'a str, usize);
 
-/// Compares every struct that the kernel keeps in storage, uniform or immediate memory with its host twin in `shared`:
-/// number, names, order, offsets and sizes of the members, and the stride. Members that are structs are compared too.
-/// Of the structs in `opaque` only the size is compared.
+/// Compares every struct that the kernel keeps in storage, uniform or immediate memory with the host struct of the same
+/// name in `shared`: number, names, order, offsets and sizes of the members, and the stride. Members that are structs
+/// are compared too. Only the sizes of the structs in `opaque` are compared.
 ///
 /// # Errors
-/// [`Error::Kernel`] naming the struct and the member that differ, or the struct that has no twin.
+/// [`Error::Kernel`] naming the struct and the member that differ, or the struct that the host does not have.
 pub fn check_layouts(composed: &Composed, shared: &[&SharedStruct], opaque: &[OpaqueStruct<'_>]) -> Result<()> {
     use naga::AddressSpace::{Immediate, Storage, Uniform};
     let module = &composed.module;

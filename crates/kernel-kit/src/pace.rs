@@ -21,7 +21,7 @@ pub(crate) const MAX_SLICES: u32 = 64;
 /// of it counts as if it had taken the whole time. Passes are sliced a little more than they need be; but this holds
 /// where there are no timestamps, too.
 pub(crate) struct Pace {
-    /// By which the device is slower than it seems, for tests.
+    /// Factor by which the device is taken to be slower than it seems, for tests.
     slowness: f64,
     /// Seconds of what was recorded since the last submission.
     recorded: f64,
@@ -32,7 +32,7 @@ pub(crate) struct Pace {
     slices: u64,
 }
 
-/// What was dispatched under a label.
+/// Work that was dispatched under a label.
 #[derive(Clone, Copy, Default)]
 struct Work {
     /// Workgroups, as far as the host knows.

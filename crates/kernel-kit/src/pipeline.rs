@@ -11,7 +11,7 @@ use crate::compose::Composed;
 use crate::error::{Error, Result};
 use crate::uniforms;
 
-/// What pipelines are made of: a composed kernel and its constants.
+/// The source of pipelines: a composed kernel and its constants.
 pub(crate) struct Source {
     module: naga::Module,
     constants: Vec<(String, f64)>,
@@ -56,7 +56,7 @@ pub(crate) struct Variable {
     pub(crate) name: String,
 }
 
-/// What an entry point takes from the host.
+/// The host's inputs of an entry point.
 #[derive(Clone)]
 pub(crate) struct Interface {
     kernel: String,
@@ -92,7 +92,7 @@ pub(crate) type Entries = BTreeMap<String, Entry>;
 /// Kernels that are kept, by key.
 pub(crate) type Kept = HashMap<String, Arc<Mutex<KeptKernel>>>;
 
-/// Name and entry points of a kernel; none while it is made, by the thread that holds the lock.
+/// Name and entry points of a kernel; `None` while the thread that holds the lock makes it.
 pub(crate) type KeptKernel = Option<(String, Entries)>;
 
 /// An entry point that has not been dispatched.
@@ -187,8 +187,8 @@ impl Interface {
         self.uniform_parameters || self.sliced
     }
 
-    /// Expressions of the entry point, with those of each function as often as it is called: drivers put functions
-    /// where they are called, and take about as long as that makes the kernel.
+    /// Number of expressions of the entry point, where those of a function count as often as it is called. Drivers
+    /// inline functions, and their time is about proportional to the size of the result.
     pub(crate) fn inlined_size(&self, source: &Source) -> usize {
         let entry = source.module.entry_points.iter().find(|entry| entry.name == self.entry);
         entry.map_or(0, |entry| size_with_calls(&entry.function, &function_sizes(&source.module)))

@@ -1,4 +1,4 @@
-//! What is known of subgroups on a device.
+//! The size of subgroups on a device.
 
 use crate::pipeline::own_pipeline;
 
@@ -19,7 +19,7 @@ fn probe(
 const BYTES: u64 = 128 * 8;
 
 /// Lanes of a subgroup, if kernels can use subgroups, all have the same number, and consecutive invocations of a
-/// workgroup are the lanes of one subgroup, which Vulkan does not promise: a kernel looks.
+/// workgroup are the lanes of one subgroup, which Vulkan does not guarantee: a kernel tests it.
 pub(crate) fn subgroup_size(info: &wgpu::AdapterInfo, device: &wgpu::Device, queue: &wgpu::Queue) -> Option<u32> {
     let size = info.subgroup_min_size;
     let usable = device.features().contains(wgpu::Features::SUBGROUP) && size == info.subgroup_max_size;
@@ -27,7 +27,7 @@ pub(crate) fn subgroup_size(info: &wgpu::AdapterInfo, device: &wgpu::Device, que
     found.iter().zip(0..).all(|(found, index)| *found == [index % size, size]).then_some(size)
 }
 
-/// What [`KERNEL`] found; none where that cannot be had.
+/// The result of [`KERNEL`]; `None` if the device cannot run it.
 fn probe(device: &wgpu::Device, queue: &wgpu::Queue) -> Option<Vec<[u32; 2]>> {
     let pipeline = own_pipeline(device, "kernel-kit/subgroups", KERNEL);
     use wgpu::BufferUsages as U;

@@ -9,10 +9,10 @@ use crate::device::Gpu;
 /// The environment variable that names the tests' device, where a crate has none of its own.
 pub const VARIABLE: &str = "KERNEL_KIT_DEVICE";
 
-/// The device of this test program: the one that the environment variable chooses (as text is parsed to a
-/// [`DeviceChoice`]), a software one if it is not set; with the [`DeviceLimits`] that the variable of that name with
-/// `_LIMITS` has, its own if it is not set. Opened once, at the first call, whose variable counts; what it
-/// is is written to standard error then.
+/// The device of this test program. The environment variable chooses it (its text is parsed to a [`DeviceChoice`]); a
+/// software device if it is not set. The variable with the suffix `_LIMITS` sets its [`DeviceLimits`]; the device's own
+/// if it is not set. The device is opened once, by the first call, whose variable counts, and its name is then written
+/// to standard error.
 ///
 /// # Panics
 /// If there is no such device: tests that have none have failed, and are not skipped.
@@ -25,7 +25,7 @@ pub fn device(variable: &str) -> &'static Gpu {
         let gpu = limits.and_then(|limits| Gpu::open_with(&choice, limits));
         let gpu = gpu.unwrap_or_else(|e| panic!("{e}; the tests' device is chosen by {variable}"));
         let info = &gpu.info;
-        // Not by a macro, whose words the test harness would keep to itself.
+        // Not by `eprintln!`, whose output the test harness captures.
         let _ = writeln!(std::io::stderr(), "device: {} ({}, {})", info.name, info.kind, info.driver);
         gpu
     })

@@ -33,8 +33,8 @@ impl Timer {
         Timer { queries, period_s, pending: Vec::new(), seconds: BTreeMap::new() }
     }
 
-    /// The query set and first index for a pass; none where the device has no timestamps or the set is full (a
-    /// frame of more passes than [`PASSES`]: the rest of it goes untimed).
+    /// The query set and first index for a pass; `None` if the device has no timestamps or the set is full. In a frame
+    /// of more passes than [`PASSES`], the rest is not timed.
     pub(crate) fn next(&mut self, label: &str) -> Option<(wgpu::QuerySet, u32)> {
         let queries = self.queries.as_ref()?;
         let index = self.pending.len() as u32;
@@ -50,7 +50,7 @@ impl Timer {
         self.pending.len() as u32 > PASSES / 2
     }
 
-    /// The copy of all pending timestamps, and the commands that fill it; `None` if no timestamps are pending.
+    /// The copy of all pending timestamps, and the commands that fill it; `None` if none is pending.
     pub(crate) fn resolve(&mut self, device: &wgpu::Device) -> Option<(wgpu::CommandBuffer, Timestamps)> {
         let queries = self.queries.as_ref().filter(|_| !self.pending.is_empty())?;
         let count = self.pending.len() as u32 * 2;

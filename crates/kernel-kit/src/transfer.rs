@@ -131,11 +131,12 @@ impl Gpu {
         Ok(Table::Texture(texture.create_view(&Default::default())))
     }
 
-    /// As [`Gpu::texture_table`], of more records than a texture has rows for, or a storage buffer bytes: in layers of
-    /// [`TABLE_LAYER_ROWS`] rows. Kernels read it as a `texture_storage_2d_array`.
+    /// Like [`Gpu::texture_table`], for more records than a texture has rows for, or a storage buffer bytes: in layers
+    /// of [`TABLE_LAYER_ROWS`] rows. Kernels read it as a `texture_storage_2d_array`.
     ///
     /// # Errors
-    /// [`Error::Buffer`] if the device has no texture of so many layers, and those of [`Gpu::check`] if it has no room.
+    /// [`Error::Buffer`] if the device has no texture with this many layers, and those of [`Gpu::check`] if it has no
+    /// room.
     pub fn layered_table<T: Pod>(&self, label: &str, records: &[[T; 4]], format: TableFormat) -> Result<Table> {
         let layers = records.len().div_ceil((TABLE_LAYER_ROWS * TABLE_WIDTH) as usize).max(1) as u64;
         let most = u64::from(self.limits.max_texture_array_layers);

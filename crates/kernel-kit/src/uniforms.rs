@@ -10,7 +10,7 @@ pub(crate) const FIRST_GROUP_BINDING: u32 = 0;
 /// A kernel's parameters.
 pub(crate) const PARAMETER_BINDING: u32 = 1;
 
-/// Bytes of a entry: the coarsest alignment that WebGPU lets a device ask for, and more than immediates have.
+/// Bytes of an entry: the coarsest alignment that WebGPU lets a device require, and more than immediates have.
 pub(crate) const ENTRY_BYTES: u64 = 256;
 /// Bytes of the binding of a first workgroup.
 const FIRST_BYTES: u64 = 16;
@@ -20,7 +20,7 @@ const ENTRIES: u64 = 64;
 /// Where the first workgroup of a dispatch is found.
 #[derive(Clone, Copy)]
 pub(crate) enum First<'a> {
-    /// The host knows it.
+    /// A number that the host supplies.
     Group(u32),
     /// A kernel wrote it to this entry of a buffer.
     Entry(&'a wgpu::Buffer, u32),
@@ -42,7 +42,7 @@ pub(crate) fn layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("kernel-kit"), entries: &entries })
 }
 
-/// What is bound for the dispatches of a frame. It is written before these are submitted.
+/// The uniforms of the dispatches of a frame. They are written before these are submitted.
 #[derive(Default)]
 pub(crate) struct Uniforms {
     full: Vec<Chunk>,

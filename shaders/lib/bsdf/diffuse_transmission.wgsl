@@ -20,7 +20,7 @@ struct DiffuseTransmission {
 struct DiffuseTransmissionFactors {
     // Colour and factor.
     own: vec4f,
-    // Of KHR_materials_transmission, which takes its share first.
+    // The factor of KHR_materials_transmission, which takes its share first.
     transmission: f32,
 }
 
@@ -92,7 +92,7 @@ fn unpack_diffuse_transmission(packed: vec4f) -> DiffuseTransmission {
     return DiffuseTransmission(packed.xyz);
 }
 
-// The share of the diffuse base's samples that pass, beside a base of the given albedo.
+// The share of the diffuse base's samples that pass through, if the base has the given albedo.
 @if(diffuse_transmission)
 fn diffusely_passing_share(lobe: DiffuseTransmission, albedo: vec3f) -> f32 {
     let passes = dot(lobe.tint, vec3f(1.0));

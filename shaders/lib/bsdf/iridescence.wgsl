@@ -71,7 +71,7 @@ fn iridescence_reflectance(lobe: Iridescence, specular: Specular, bare: vec3f, c
     return reflected;
 }
 
-// What does not reach the layers below, which is `bare` without the film.
+// The share of light that does not reach the layers below; without the film it is `bare`.
 @if(iridescence)
 fn iridescence_kept(lobe: Iridescence, specular: Specular, bare: f32, cosine: f32) -> f32 {
     var kept = bare;

@@ -1,5 +1,5 @@
-// What the files of all lobes take from the surface that they are part of. src/specialisation/lobes.rs lists the
-// functions of such a file.
+// The inputs that the files of all lobes take from their surface. src/specialisation/lobes.rs lists the functions of
+// such a file.
 
 @if(glossy) import package::lib::bsdf::microfacet::LocalPair;
 @if(glossy) import package::lib::ray::Hit;

@@ -98,8 +98,8 @@ fn is_near_light(light: u32, position: vec3f) -> bool {
 // set of directions, cumulative probabilities by power times cosine, so that all samples contribute about the same.
 @if(emitter_pairs) const NO_VIEW = 0xffffffffu;
 
-// The first texel of the probabilities for a position, or NO_VIEW. With `far_emitters` all lights of many triangles
-// have views, and no surface that reflects is near to one: software devices then need not execute the other way too.
+// The first texel of the probabilities for a position, or NO_VIEW. With `far_emitters`, all lights of many triangles
+// have views, and no surface that reflects is near one of them, so software devices need not execute both branches.
 @if(emitter_pairs)
 fn view_of(light: u32, header: vec4u, position: vec3f) -> u32 {
     @if(!far_emitters) if (header.x & LIGHT_VIEWED) == 0u || is_near_light(light, position) { return NO_VIEW; }
@@ -138,8 +138,8 @@ fn sample_viewed_emitter(header: vec4u, view: u32, u: f32) -> SampledEmitter {
     return SampledEmitter(header.y + i, share, left_of(u, view_cumulative(view, i), share));
 }
 
-// The emitter triangles that may be sampled for a position: a single one with its probability, or all of them by what
-// they send to the position.
+// The emitter triangles that may be sampled for a position: a single one with its probability, or all of them, by the
+// light that each sends to the position.
 struct EmitterRange {
     first: u32,
     end: u32,

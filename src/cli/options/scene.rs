@@ -252,7 +252,8 @@ impl SceneOptions {
         self.load_first(None, self.surroundings()?.as_ref(), aspect)
     }
 
-    /// As [`load`](Self::load), after so many seconds of the animation if any are given, and within that panorama.
+    /// Like [`load`](Self::load), `time` seconds after the beginning of the animation if it is given, and within that
+    /// panorama.
     pub fn load_first(
         &self,
         time: Option<f64>,
@@ -271,7 +272,7 @@ impl SceneOptions {
         Ok((scene, camera))
     }
 
-    /// The scene after so many seconds of its animation, without surroundings.
+    /// The scene at this time of its animation in seconds, without surroundings.
     pub fn load_at(&self, time: Option<f64>) -> Result<Scene> {
         let Self { default_light, lenient, repeat, .. } = *self;
         let (animation, variant) = (self.animation.clone(), self.variant.clone());
@@ -306,7 +307,7 @@ impl SceneOptions {
         self.with_lens(scene, self.select_camera(scene, aspect)?)
     }
 
-    /// The cameras of a turntable with so many views.
+    /// The cameras of a turntable with `views` views.
     pub fn turntable(&self, scene: &Scene, aspect: f32, views: u32) -> Result<Vec<Camera>> {
         let cameras = scene.turntable(&self.framing(aspect), views);
         cameras.into_iter().map(|camera| self.with_lens(scene, camera)).collect()

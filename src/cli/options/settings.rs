@@ -108,7 +108,7 @@ impl RenderOptions {
         self.technique.0.is_none()
     }
 
-    /// The user does not say which pixels get how many samples.
+    /// The user does not request a distribution of samples over pixels.
     pub fn leaves_sampling(&self) -> bool {
         self.sampling.is_none()
     }

@@ -12,7 +12,7 @@ use penumbra::internal::scene::{Focus, MAX_BLADES};
 use penumbra::settings::{Background, Crop, Denoise, LightSampling, Sampling};
 use penumbra::{Aov, Technique};
 
-/// A technique; none for `auto`.
+/// A technique; `None` for `auto`.
 #[derive(Clone, Copy)]
 pub struct TechniqueChoice(pub Option<Technique>);
 

@@ -18,8 +18,8 @@ pub(super) struct Contour {
     pub vertices: Vec<Vec3>,
 }
 
-/// The contours of the triangles. Triangles in one plane that face the same way are merged. None if there are more than
-/// [`MAX_CONTOUR_EDGES`] edges.
+/// The contours of the triangles. Triangles in one plane that face the same way are merged. Returns `None` if there are
+/// more than [`MAX_CONTOUR_EDGES`] edges.
 pub(super) fn contours(triangles: &[[Vec3; 3]], radius: f64) -> Option<Vec<Contour>> {
     let mut planes: Vec<(DVec3, DVec3, Vec<usize>)> = Vec::new();
     // Large triangles first, because their planes are the most accurate.

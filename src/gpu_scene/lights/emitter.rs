@@ -42,10 +42,11 @@ struct Facet {
 }
 
 impl ConvexLamp<'_> {
-    /// The cumulative probabilities of its triangles by what each sends towards the receivers, for each of
-    /// `side` x `side` cells of the octahedral map of directions, row by row; four to a texel, padded with 1. What a
-    /// triangle sends in a cell is the mean over its corners. What is seen from the cell is seen from a corner if
-    /// `side` is even: the folds of the map are then along the sides and diagonals of cells.
+    /// For each of `side` x `side` cells of the octahedral map of directions, row by row: the cumulative probabilities
+    /// of the triangles, by how much light each sends towards the receivers; four to a texel, padded with 1. The light
+    /// that a triangle sends in a cell is the mean over the cell's corners. If `side` is even, a triangle that is
+    /// visible from a cell is visible from one of its corners, because the folds of the map then lie along sides and
+    /// diagonals of cells.
     pub fn cumulative_views(&self, side: u32, receivers: Option<ReceiverBounds>) -> Vec<[f32; 4]> {
         let facets = self.facets();
         let corners = side + 1;
@@ -87,10 +88,10 @@ impl ConvexLamp<'_> {
 }
 
 impl Facet {
-    /// What a triangle of unit area sends to the receiver of a view, over what it would send from the lamp's centre if
-    /// it faced the receiver. It counts `least` where only positions farther away see it.
+    /// The light that a triangle of unit area sends to the receiver of a view, over what it would send from the lamp's
+    /// centre if it faced the receiver. It is `least` if only positions farther away see the triangle.
     fn sends(&self, view: &View, least: f64) -> f64 {
-        // What is seen from anywhere in a direction is seen from infinitely far away.
+        // A triangle that is visible from any position in a direction is visible from infinity in that direction.
         if self.normal.dot(view.direction) <= -least {
             return 0.0;
         }

@@ -17,17 +17,19 @@ use crate::specialisation::lights::{has_many_emitters, is_closed_mesh};
 /// with more, the fewest views would take more than 4 MB.
 const VIEWED_TRIANGLES: RangeInclusive<usize> = layout::FEW_NEAR_EMITTERS as usize + 1..=1 << 12;
 
-/// Cells a side of the octahedral map from which a convex light is seen, 7 to 2.4 degrees wide each. What the points of
-/// a sphere bring spreads by 19 % about its mean with 16 cells, by 10 % with 48 and by 8 % with 64 (320 triangles, seen
-/// from 40 radii); by 59 % where power alone chooses them. In `scenes/sphere.glb` relMSE of direct light with 16
-/// samples was 1.6e-4, 0.8e-4 and 0.7e-4, before views knew the distance of the receivers.
+/// Cells along a side of the octahedral map of directions from which a convex light is seen; each is 7 to 2.4 degrees
+/// wide. The contributions of the points of a sphere spread by 19 % about their mean with 16 cells, by 10 % with 48 and
+/// by 8 % with 64 (320 triangles, seen from 40 radii), and by 59 % where triangles are sampled by power alone. In
+/// `scenes/sphere.glb` relMSE of direct light with 16 samples was 1.6e-4, 0.8e-4 and 0.7e-4, measured before views took
+/// the distance of the receivers into account.
 const VIEW_SIDES: RangeInclusive<u32> = 16..=48;
 
 /// Bytes of the views of all lights, unless the fewest take more. 3 MB take some 15 ms while kernels compile.
 const VIEW_BYTES: usize = 8 << 20;
 
-/// Bytes of the fewest views of all lights beyond which none gets any, and power chooses their triangles: 64 lamps of
-/// 1,000 triangles take as many. A street of 1,500 such lamps would need more than a buffer of many devices holds.
+/// Limit on the bytes of the smallest views of all lights. Beyond it no light gets views, and triangles are sampled by
+/// power: 64 lamps of 1,000 triangles reach it. Views of a street of 1,500 such lamps would need more than a buffer of
+/// many devices holds.
 const MAX_VIEW_BYTES: usize = 64 << 20;
 
 /// The data of mesh lights besides their texels in the table of lights.
@@ -94,7 +96,7 @@ impl MeshLight<'_> {
             cumulative += self.powers[i];
             // Kernels compare with the rounded cumulative probabilities, so each probability is a difference of these.
             let rounded = (cumulative / self.total) as f32;
-            // Of millions of triangles many have less than an ULP: without one they would give no light.
+            // Of millions of triangles, many have a probability below an ULP. Raised to an ULP, they still give light.
             let least = if self.powers[i] > 0.0 { below.next_up().min(1.0) } else { below };
             let end = if i + 1 == self.emitters.len() { 1.0 } else { rounded.max(least) };
             let density = f64::from(end - below) / area(triangle);
@@ -147,14 +149,14 @@ impl MeshLight<'_> {
     }
 }
 
-/// Cells a side of the views of a light with so many triangles, one of so many `lamps`. It is even; see
+/// Cells along a side of the views of a light with `triangles` triangles, if `lamps` lights get views. It is even; see
 /// [`ConvexLamp::cumulative_views`].
 fn view_side(triangles: usize, lamps: usize) -> u32 {
     let cells = VIEW_BYTES / lamps / bytes_of_cell(triangles);
     (cells.isqrt() as u32 / 2 * 2).clamp(*VIEW_SIDES.start(), *VIEW_SIDES.end())
 }
 
-/// Bytes of a cell of the views of a light with so many triangles.
+/// Bytes of a cell of the views of a light with this number of triangles.
 fn bytes_of_cell(triangles: usize) -> usize {
     triangles.div_ceil(4) * size_of::<[f32; 4]>()
 }
@@ -231,7 +233,8 @@ pub(super) fn pack(
 mod tests {
     use super::*;
 
-    /// Triangles whose share of the power is less than an ULP have a probability of theirs, which their density knows.
+    /// Triangles whose share of the power is less than an ULP get a probability above 0, and their density takes it
+    /// into account.
     #[test]
     fn the_faintest_triangles_are_sampled() {
         let triangles = vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 4];
@@ -249,7 +252,7 @@ mod tests {
         }
     }
 
-    /// 64 lamps of 1,000 triangles get views, and of 66 none does.
+    /// 64 lamps of 1,000 triangles get views; of 66 lamps, none does.
     #[test]
     fn views_of_many_lamps_are_left_out() {
         let emitter = EmitterTriangle { triangle: 0, radiance: Vec3::ONE };

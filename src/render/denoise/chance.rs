@@ -4,14 +4,14 @@
 
 use glam::DVec3;
 
-/// Pixels around a pixel, on each side, that tell the two surfaces: reflections in glass are a twenty-fifth of what it
-/// shows, so that 7 x 7 pixels with a sample each have two.
+/// Pixels to each side of a pixel from which the two surfaces are estimated. Glass reflects a twenty-fifth of the
+/// light, so 7 x 7 pixels with one sample each contain two reflections.
 const REACH: usize = 3;
 
 /// Added to the variance of the choices: a single choice among 49 pixels has 0.02.
 const RIDGE: f64 = 1e-4;
 
-/// What the samples of a pixel show.
+/// The guides of a pixel's samples, and the random choices behind them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seen {
     /// Share of samples for which chance chose a surface, 0 to 1.
@@ -22,12 +22,13 @@ pub struct Seen {
     pub guides: [DVec3; 3],
 }
 
-/// The guides of pixel `i` without what chance makes them differ from those around it; `seen` tells what a pixel shows.
+/// The guides of pixel `i` without the differences from its neighbours that are due to chance; `seen` returns the
+/// samples of a pixel.
 ///
-/// Around a pixel guides are fitted by `a + b chosen`. The pixel gets the fit at the mean share, and a part of its own
-/// distance from the fit. If it shows a surface more often than the pixels around it do, that part is their share of
-/// the surface over its own. So a lamp that one of four samples finds in glass leaves its pixel like those around it,
-/// and the light that it brings stands out from theirs.
+/// Guides are fitted by `a + b chosen` over the pixels around the pixel. It gets the fit at their mean share, plus a
+/// part of its own distance from the fit. If it shows a surface more often than they do, that part is their share of
+/// the surface over its own. So if one of four samples finds a lamp in glass, the guides of its pixel stay like those
+/// around it, and the light of the lamp stands out.
 pub fn settled([width, height]: [u32; 2], seen: &impl Fn(usize) -> Seen, i: usize) -> [DVec3; 3] {
     let own = seen(i);
     if own.choosing == 0.0 {
@@ -68,7 +69,7 @@ impl Sums {
     fn settled(&self, own: &Seen) -> [DVec3; 3] {
         let share = self.chosen / self.count;
         let variance = self.squares / self.count - share * share + RIDGE;
-        // Of 0 / 0 `min` takes the other number.
+        // 0 / 0 is NaN, for which `min` returns the other number.
         let kept = 1f64.min(share / own.chosen).min((1.0 - share) / (1.0 - own.chosen));
         std::array::from_fn(|k| {
             let mean = self.guides[k] / self.count;

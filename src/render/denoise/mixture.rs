@@ -11,9 +11,9 @@ use rayon::prelude::*;
 
 use super::{Colour, Filtered, RELMSE_FLOOR};
 
-/// Radius in pixels of each of the two box filters that average over a region. Of 5 to 16 pixels, 10 to 12 measured
-/// best in four scenes at 2 to 256 samples: smaller regions follow the denoisers' faults more closely, larger ones know
-/// them better. What two samples tell of a small region is mostly noise.
+/// Radius in pixels of each of the two box filters that average over a region. Among 5 to 16 pixels, 10 to 12 gave the
+/// smallest error in four scenes at 2 to 256 samples. Smaller regions follow the denoisers' faults more closely, larger
+/// ones estimate them better: with two samples, the estimate for a small region is mostly noise.
 const RADIUS: usize = 10;
 
 /// The weights found are right for halves. From a half to all samples the raw image gains more than filters do: the
@@ -21,19 +21,20 @@ const RADIUS: usize = 10;
 /// against the raw image fall to this part.
 const ODDS_OF_ALL: f64 = 0.5;
 
-/// By how much the halves avoid each other, as their samples are points of one sequence: minus the covariance of their
-/// noise, over half of the mean square of their difference, is this part at 4 samples where they are stratified
-/// perfectly, and falls with the fourth root of their number. Measured with references in three scenes by two
-/// techniques: 0.12 to 0.31 at 4 samples, 0.04 to 0.27 at 16, 0 to 0.2 at 256, the more the smaller the ratio.
+/// How strongly the halves avoid each other, because their samples are points of one sequence: minus the covariance of
+/// their noise over half of the mean square of their difference. This is the value at 4 samples where they are
+/// stratified perfectly; it falls with the fourth root of their number. Measured with references in three scenes by two
+/// techniques: 0.12 to 0.31 at 4 samples, 0.04 to 0.27 at 16, 0 to 0.2 at 256, and larger where the ratio
+/// (`Raw::ratios`) is smaller.
 const AVOIDANCE: f64 = 0.35;
 
 /// The raw image.
 pub struct Raw<'a> {
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// Of all samples.
+    /// The image of all samples.
     pub all: &'a [Colour],
-    /// Of two parts of the samples, whose noise is nearly independent.
+    /// The images of two halves of the samples, whose noise is nearly independent.
     pub halves: [&'a [Colour]; 2],
     /// Number of samples of each half.
     pub half_samples: [u32; 2],
@@ -41,11 +42,11 @@ pub struct Raw<'a> {
     pub ratios: &'a [f32],
 }
 
-/// What one denoiser made of a raw image.
+/// A raw image after one denoiser.
 pub struct Candidate<'a> {
-    /// Of all samples.
+    /// The filtered image of all samples.
     pub all: &'a [Colour],
-    /// Of each half alone.
+    /// The filtered images of the halves.
     pub halves: [&'a [Colour]; 2],
 }
 
@@ -57,7 +58,7 @@ pub struct Mixed {
     pub error: Vec<f32>,
 }
 
-/// The candidates of filters that were given halves; none if one was not.
+/// The candidates of filters that were given halves; `None` if one was not.
 pub(super) fn candidates(filtered: &[Filtered]) -> Option<Vec<Candidate<'_>>> {
     filtered.iter().map(Candidate::of).collect()
 }
@@ -68,13 +69,13 @@ impl<'a> Candidate<'a> {
         Some(Candidate { all: &filtered.all, halves })
     }
 
-    /// Its half and the raw one, whose difference is meant.
+    /// Its half and the raw half, for [`Regions::products`], which takes their difference.
     fn difference(&self, raw: &Raw<'a>, half: usize) -> [&'a [Colour]; 2] {
         [self.halves[half], raw.halves[half]]
     }
 }
 
-/// The mixture of the raw image and the candidates, of which there is at least one.
+/// The mixture of the raw image and the candidates. There must be at least one candidate.
 pub fn mix(raw: &Raw<'_>, candidates: &[Candidate<'_>]) -> Mixed {
     let regions = Regions::new(raw.size, candidates);
     let equations = Equations::new(raw, candidates, &regions);
@@ -136,22 +137,23 @@ impl Regions {
         smooth(&smooth(&values, self.size), self.size)
     }
 
-    /// The estimated standard errors of an image, from what the same steps made of the halves of the samples.
+    /// The estimated standard errors of an image, from the results of the same steps for the halves of the samples.
     fn errors(&self, raw: &Raw<'_>, [of_a, of_b]: [&[Colour]; 2]) -> Vec<f32> {
         let [a, b] = raw.halves;
         let squares = |x, y| self.products([x, y], [x, y]);
         let (across, back, noise, own) = (squares(of_a, b), squares(of_b, a), squares(a, b), squares(of_a, of_b));
-        // By what the image differs from the raw one, the noise that it lost.
+        // The noise that the image lost, from its difference from the raw image.
         let (lost_a, lost_b) = (self.products([of_a, a], [b, a]), self.products([of_b, b], [a, b]));
         let [count_a, count_b] = raw.half_samples.map(f64::from);
         // The variance of a mean over the mean squared difference of the means of its halves.
         let share = count_a * count_b / (count_a + count_b).powi(2);
         let avoidance = AVOIDANCE * (4.0 / (count_a + count_b)).powf(0.25);
         let pixel = |i: usize| {
-            // The squared error of a half is that of its mean, and its noise. All samples have less of the noise.
+            // The squared error of a half is its squared bias plus its variance. All samples have less of the latter.
             let bias = (across[i] + back[i] - noise[i] - own[i]) / 2.0;
-            // Where noise is left that avoids that of the other half, the difference has more of it than the mean. What
-            // lost its noise seems less biased than it is, but at few samples nobody can tell by how much.
+            // Where noise remains that avoids the noise of the other half, the halves' difference has more noise than
+            // their mean. A filtered image without noise seems less biased than it is, but with few samples there is no
+            // estimate by how much.
             let avoided = avoidance * (1.0 - f64::from(raw.ratios[i])) * (noise[i] / 2.0 - lost_a[i] - lost_b[i]);
             let variance = share * own[i];
             let relative = (bias.max(0.0) + variance - avoided.max(0.0)).max(variance / 2.0);
@@ -161,12 +163,13 @@ impl Regions {
     }
 }
 
-/// Equations for the weights of the candidates at each pixel: the mean square of w1 (D1 - A) + w2 (D2 - A) + ...
-/// - (B - A) is to be smallest, in the mean over both halves A.
+/// Equations for the weights of the candidates at each pixel, with A and B the raw halves and D1, D2, ... the
+/// candidates' halves. They minimise the mean square of w1 (D1 - A) + w2 (D2 - A) + ... - (B - A), averaged over both
+/// halves A.
 struct Equations {
     /// Products of two candidates' differences from the raw image.
     squares: Vec<Vec<Vec<f64>>>,
-    /// Products of a candidate's difference and that of the other half from the raw image.
+    /// Products of a candidate's difference and the other half's difference from the raw half.
     right: Vec<Vec<f64>>,
 }
 
@@ -191,7 +194,7 @@ impl Equations {
     fn solve(&self, pixel: usize) -> Vec<f64> {
         let count = self.right.len();
         let mut best = (0.0, vec![0.0; count]);
-        // The minimum is that of some of the candidates, within the bounds or where their sum is 1.
+        // The minimum uses some of the candidates, either within the bounds or with weights of sum 1.
         for members in 1u32..1 << count {
             let members: Vec<usize> = (0..count).filter(|k| members >> k & 1 == 1).collect();
             for is_whole in [false, true] {
@@ -209,7 +212,7 @@ impl Equations {
         of_all(best.1)
     }
 
-    /// What is to be smallest, but for a constant.
+    /// The quantity to minimise, up to a constant.
     fn value(&self, pixel: usize, weights: &[f64]) -> f64 {
         let row = |(k, weight): (usize, &f64)| {
             let square = |(l, other): (usize, &f64)| other * self.squares[k][l][pixel];
@@ -218,14 +221,14 @@ impl Equations {
         weights.iter().enumerate().map(row).sum()
     }
 
-    /// The best weights of some candidates regardless of bounds; with the sum 1 if they are to be the whole image. None
-    /// if they are not determined, because the candidates are the same or the raw image itself.
+    /// The best weights of some candidates regardless of bounds; their sum is 1 if `is_whole`. `None` if they are not
+    /// determined, because the candidates are the same or the raw image itself.
     fn minimum(&self, pixel: usize, members: &[usize], is_whole: bool) -> Option<Vec<f64>> {
         let mut rows: Vec<Vec<f64>> = members
             .iter()
             .map(|k| {
                 let squares = members.iter().map(|l| self.squares[*k][*l][pixel]);
-                // With Lagrange's multiplier for the sum.
+                // The second term is Lagrange's multiplier for the sum.
                 squares.chain(is_whole.then_some(1.0)).chain([self.right[*k][pixel]]).collect()
             })
             .collect();
@@ -266,7 +269,7 @@ fn solve(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
 pub(super) fn smooth(values: &[f64], [width, height]: [u32; 2]) -> Vec<f64> {
     let (width, height) = (width as usize, height as usize);
     let around = |i: usize, count: usize| i.saturating_sub(RADIUS)..(i + RADIUS + 1).min(count);
-    // Not by running sums, which lose what is dim beside what is bright.
+    // Running sums would be faster, but lose the digits of dim pixels next to bright ones.
     let mut rows = vec![0.0; values.len()];
     rows.par_chunks_mut(width).zip(values.par_chunks(width)).for_each(|(means, line)| {
         means.iter_mut().enumerate().for_each(|(x, mean)| {

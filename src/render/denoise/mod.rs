@@ -27,7 +27,7 @@ pub type Colour = [f32; 3];
 pub struct Part {
     /// Means of the samples.
     pub mean: Vec<Colour>,
-    /// Variances of these means, as of independent samples.
+    /// Variances of these means, computed as for independent samples.
     pub variance: Vec<Colour>,
 }
 
@@ -58,8 +58,8 @@ impl Light {
     }
 }
 
-/// What is seen through a pixel, over mirrors and through clear glass; of two surfaces of which chance shows one, the
-/// mixture ([`chance`]).
+/// The surfaces seen through the pixels, in mirrors and through clear glass. If chance decides which of two surfaces a
+/// sample shows, this is their mixture ([`chance`]).
 pub struct Guides {
     /// Base colour, 0 to 1.
     pub albedo: Vec<Colour>,
@@ -69,13 +69,13 @@ pub struct Guides {
     pub position: Vec<Colour>,
 }
 
-/// What filters take.
+/// The input of filters.
 pub struct Noisy {
     /// Width and height in pixels.
     pub size: [u32; 2],
     /// All samples.
     pub all: Light,
-    /// Two parts of them, whose noise is nearly independent; none of a single sample.
+    /// Two halves of the samples, whose noise is nearly independent; `None` for a single sample.
     pub halves: Option<[Light; 2]>,
     /// Number of samples of each half.
     pub half_samples: [u32; 2],
@@ -83,7 +83,7 @@ pub struct Noisy {
     pub guides: Guides,
 }
 
-/// What a filter gives.
+/// The output of a filter.
 pub struct Filtered {
     /// For all samples.
     pub all: Vec<Colour>,
@@ -96,14 +96,14 @@ trait Filter {
     /// Its name in messages.
     fn name(&self) -> &'static str;
 
-    /// What compiles its kernels.
+    /// A function that compiles its kernels.
     fn compilation(&self) -> fn(&Gpu) -> Result<()> {
         |_| Ok(())
     }
 
     fn filter(&self, gpu: &Gpu, noisy: &Noisy) -> Result<Filtered>;
 
-    /// Expected seconds for a pixel, of one run for all samples, or of three where halves are filtered too.
+    /// Expected seconds per pixel for `runs` runs: one for all samples, or three if halves are filtered too.
     fn seconds_per_pixel(&self, gpu: &Gpu, runs: u32) -> f64;
 }
 
@@ -146,7 +146,7 @@ pub struct Denoiser {
 /// An image without noise.
 pub(super) struct Denoised {
     pub colour: Vec<Colour>,
-    /// The estimated standard error of each pixel, the root of the mean square over R, G and B; none of a single
+    /// The estimated standard error of each pixel, the root of the mean square over R, G and B; `None` for a single
     /// sample, whose error is unknown.
     pub error: Option<Vec<f32>>,
 }
@@ -176,7 +176,8 @@ impl Denoiser {
         Ok(Denoiser { choice, filters, is_quick: false })
     }
 
-    /// What the settings of the render need to be.
+    /// The value for [`ImageSettings::denoise`](crate::settings::ImageSettings::denoise) of a render that this denoiser
+    /// filters.
     pub fn choice(&self) -> Denoise {
         self.choice
     }
@@ -186,22 +187,22 @@ impl Denoiser {
         self.filters.iter().map(|filter| filter.name())
     }
 
-    /// What compiles the filters' kernels for a device that keeps them ([`keep_kernels`](Gpu::keep_kernels)). Called
-    /// while [`Renderer::new`](crate::Renderer::new) compiles its own, it spares the image the wait at its end. Its
-    /// errors are those of [`kernel_kit::Kernel::new`].
+    /// A function that compiles the filters' kernels for a device that keeps them
+    /// ([`keep_kernels`](Gpu::keep_kernels)). Called while [`Renderer::new`](crate::Renderer::new) compiles its own
+    /// kernels, it saves a wait at the end of the render. Its errors are those of [`kernel_kit::Kernel::new`].
     pub fn compilation(&self) -> impl Fn(&Gpu) -> Result<()> + Send + use<> {
         let of_filters: Vec<_> = self.filters.iter().map(|filter| filter.compilation()).collect();
         move |gpu| of_filters.iter().try_for_each(|compile| compile(gpu))
     }
 
-    /// Expected seconds for an image of so many pixels.
+    /// Expected seconds for an image of `pixels` pixels.
     pub fn seconds(&self, gpu: &Gpu, pixels: u64) -> f64 {
         let runs = if self.is_quick { 1 } else { 3 };
         self.filters.iter().map(|filter| filter.seconds_per_pixel(gpu, runs)).sum::<f64>() * pixels as f64
     }
 
-    /// Leaves out what is expected to take too much of `seconds` for an image of so many pixels: first the estimate of
-    /// errors, by which filters are mixed, then filters. Returns whether anything was left out.
+    /// Leaves out steps that would take too much of `seconds` for an image of `pixels` pixels: first the estimation of
+    /// errors, which mixing filters needs, then filters. Returns whether anything was left out.
     pub fn fit(&mut self, gpu: &Gpu, pixels: u64, seconds: f64) -> bool {
         if self.seconds(gpu, pixels) <= MIXED_SHARE * seconds {
             return false;
@@ -212,7 +213,7 @@ impl Denoiser {
         true
     }
 
-    /// Removes the noise; none if there are no denoisers.
+    /// Removes the noise; `None` if there are no denoisers.
     pub(super) fn denoise(&self, gpu: &Gpu, noisy: &Noisy) -> Result<Option<Denoised>> {
         let raw = noisy.all.colour();
         let mut filtered = self.filters.iter().map(|filter| filter.filter(gpu, noisy)).collect::<Result<Vec<_>>>()?;
@@ -222,7 +223,7 @@ impl Denoiser {
         let Some(Filtered { all, .. }) = filtered.first() else { return Ok(None) };
         let candidates = mixture::candidates(&filtered);
         let (Some(halves), Some(candidates)) = (&noisy.halves, candidates) else {
-            // Nothing is known of the errors.
+            // Without halves, errors cannot be estimated.
             return Ok(Some(Denoised { colour: all.clone(), error: None }));
         };
         let halves = halves.each_ref().map(Light::colour);

@@ -244,7 +244,7 @@ impl Drop for OpenImageDenoise {
     }
 }
 
-/// Opens a library, or says why it cannot be opened.
+/// Opens a library, or returns why it cannot be opened.
 fn open(file: &Path) -> std::result::Result<Library, String> {
     if file.components().count() > 1 && !file.exists() {
         return Err("there is no such file".into());

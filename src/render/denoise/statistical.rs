@@ -1,4 +1,4 @@
-//! The statistical denoiser: no learned weights, only what samples tell of their noise.
+//! The statistical denoiser: no learned weights, only estimates of the noise from the samples.
 
 use kernel_kit::Gpu;
 use rayon::prelude::*;
@@ -58,7 +58,7 @@ impl<'g> StatisticalDenoiser<'g> {
         Ok(StatisticalDenoiser { gpu, pass: Denoise::new(gpu, &device_features(gpu, Features::default()))? })
     }
 
-    /// Filters the light of all samples and that of their halves, whose difference tells the variance of each.
+    /// Filters the light of all samples, and that of the halves, from whose difference the variances are estimated.
     ///
     /// # Errors
     /// As [`StatisticalDenoiser::filter`].
@@ -77,10 +77,11 @@ impl<'g> StatisticalDenoiser<'g> {
     }
 
     /// Filters direct and indirect light, each of `samples` samples a pixel, and adds them. A pixel whose light is not
-    /// finite, or more than 1e10 of the usual, keeps it.
+    /// finite, or more than 1e10 times the typical light, keeps its own.
     ///
     /// # Errors
-    /// [`Error::Computation`] where an array has not `width` times `height` pixels, and those of [`Denoise::filter`].
+    /// [`Error::Computation`] if an array does not have `width` times `height` pixels, and those of
+    /// [`Denoise::filter`].
     pub fn filter(
         &self,
         [width, height]: [u32; 2],
@@ -149,13 +150,14 @@ impl Band {
     }
 }
 
-/// The geometric mean of positive values, a power of two, by which images of any unit come to about 1; 1 without any.
+/// The geometric mean of the positive values, rounded to a power of two, by which images in any unit are scaled to
+/// about 1; 1 if there are no positive values.
 fn typical(colours: &[Colour]) -> f32 {
     let of_part = |colours: &[Colour]| {
         let positive = colours.iter().flatten().filter(|value| value.is_normal() && **value > 0.0);
         positive.fold((0.0, 0u32), |(sum, count), value| (sum + f64::from(value.log2()), count + 1))
     };
-    // Parts whose sums are added in turn, so that threads change no digit.
+    // The sums of the parts are added in order, so that the result does not depend on the threads.
     let parts: Vec<(f64, u32)> = colours.par_chunks(TYPICAL_PART).map(of_part).collect();
     let (sum, count) = parts.iter().fold((0.0, 0), |(sum, count), part| (sum + part.0, count + part.1));
     // The squares of the factor and of its inverse stay finite.

@@ -1,8 +1,9 @@
 //! Variances of the means of stratified samples.
 //!
-//! Samples of a pixel are points of one sequence that avoid each other, so the variance of their mean is less than that
-//! of as many independent samples. How much less differs from scene to scene and from place to place; the halves of the
-//! samples tell: the mean square of their difference, over what independent samples would give, in a region.
+//! The samples of a pixel are points of one sequence that avoid each other, so the variance of their mean is less than
+//! that of as many independent samples. How much less differs from scene to scene and from place to place. It is
+//! estimated from the halves of the samples: the mean square of their difference in a region, over the value that
+//! independent samples would give.
 
 use rayon::prelude::*;
 
@@ -10,15 +11,16 @@ use super::mixture::smooth;
 use super::{Colour, Light, Part};
 
 /// The part of the halves' ratio that remains for all samples, and for a half alone, where samples are stratified well
-/// (a ratio near 0). Halves avoid each other too, so that their difference has more noise than each of them. Measured
-/// with references at 4 and 16 samples, in three scenes by two techniques: 0.43 to 0.82, and 0.69 to 0.96; the least
-/// ones where the ratio is least. The larger ones are met by [`reduced`], as their ratios are near 1.
+/// (a ratio near 0). Halves avoid each other too, so their difference has more noise than each of them. Measured with
+/// references at 4 and 16 samples, in three scenes by two techniques: 0.43 to 0.82, and 0.69 to 0.96. The smallest
+/// parts belong to the smallest ratios; the larger ones belong to ratios near 1, for which [`reduced`] keeps more of
+/// the ratio.
 const REST_OF_ALL: f32 = 0.5;
 const REST_OF_HALF: f32 = 0.7;
 
-/// For each pixel, the noise of light over that of independent samples, by the `variance` of the mean of these and the
-/// difference of the halves' means. At most 1: chance makes it more as often as less, and a firefly that only one half
-/// has much more.
+/// For each pixel, the noise of its light over that of independent samples, from the `variance` of the mean of
+/// independent samples and the difference of the halves' means. It is at most 1: larger values arise by chance, or,
+/// much larger ones, from a firefly that only one half has.
 pub fn ratios(size: [u32; 2], variance: &[Colour], halves: [&[Colour]; 2], half_samples: [u32; 2]) -> Vec<f32> {
     let [first, second] = half_samples.map(f64::from);
     // The variance of the halves' difference over that of the mean of all, if samples were independent.
@@ -29,7 +31,7 @@ pub fn ratios(size: [u32; 2], variance: &[Colour], halves: [&[Colour]; 2], half_
     let expected = |variance: &Colour| share * variance.iter().map(|x| f64::from(*x)).sum::<f64>();
     let expected = smooth(&variance.par_iter().map(expected).collect::<Vec<_>>(), size);
     let ratio = |(found, expected): (&f64, &f64)| (found / expected).clamp(0.0, 1.0) as f32;
-    // 0 over 0, and what is not finite, tell nothing.
+    // 0 over 0 and values that are not finite count as independent samples.
     let known = |ratio: f32| if ratio.is_nan() { 1.0 } else { ratio };
     found.iter().zip(&expected).map(ratio).map(known).collect()
 }

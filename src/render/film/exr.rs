@@ -263,7 +263,7 @@ fn in_attribute(name: &[u8], problem: impl Into<String>) -> (String, String) {
     (String::from_utf8_lossy(name).into_owned(), problem.into())
 }
 
-/// The name and value of the next attribute of the header. None at its end.
+/// The name and value of the next attribute of the header. `None` at its end.
 fn next_attribute<'a>(rest: &mut Bytes<'a>) -> Checked<Option<(&'a [u8], Bytes<'a>)>> {
     let name = rest.name().ok_or_else(truncated)?;
     if name.is_empty() {

@@ -1,4 +1,4 @@
-//! The fingerprint that an image file has of what it shows, so that a sequence can go on where it stopped.
+//! The fingerprint that an image file has of its scene and settings, so that an interrupted sequence can be resumed.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -13,7 +13,8 @@ impl Image {
     }
 }
 
-/// The fingerprint of [`Image::sign`] in a file; none if the file is missing, damaged, incomplete or has none.
+/// The fingerprint that [`Image::sign`] wrote to a file; `None` if the file is missing, damaged or incomplete, or has
+/// none.
 pub fn fingerprint(path: impl AsRef<Path>) -> Option<String> {
     let path = path.as_ref();
     let bytes = read_file(path).ok()?;

@@ -26,7 +26,7 @@ pub struct Window {
     pub of: [u32; 2],
 }
 
-/// The metadata by which an image file tells what it shows.
+/// Key of the metadata that identifies the scene and the settings of an image file.
 pub(super) const FINGERPRINT: &str = "penumbra:fingerprint";
 
 /// A channel of an [`Image`].
@@ -89,9 +89,9 @@ impl Image {
         Some(image)
     }
 
-    /// The exposure in stops for a picture that would be mostly white or black at `exposure`; none for any other. Of a
-    /// white one it makes the median luminance 18 % of white, of a black one the brightest tenth half of white.
-    /// Pixels that show nothing do not count.
+    /// The exposure in stops for a picture that would be mostly white or black at `exposure`; `None` for any other
+    /// picture. For a white one, it makes the median luminance 18 % of white; for a black one, it makes the brightest
+    /// tenth half of white. Pixels that show nothing do not count.
     pub fn suggested_exposure(&self, exposure: f32) -> Option<f32> {
         let [r, g, b] = self.rgb().ok()?;
         let is_there = |i: &usize| self.channel("A").is_none_or(|alpha| alpha[*i] > 0.5);

@@ -1,4 +1,4 @@
-//! Which samples of which pixels pieces have.
+//! The samples and pixels that pieces have.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -65,7 +65,7 @@ pub(super) fn is_within(cell: &Crop, crop: &Crop) -> bool {
     within(cell.x, crop.x, crop.width) && within(cell.y, crop.y, crop.height)
 }
 
-/// What pieces without overlap lack of the samples of an image.
+/// The samples of an image that pieces without overlap lack.
 pub(super) fn missing(size: [u32; 2], samples: u32, pieces: &[Extent]) -> Vec<MissingSamples> {
     let mut missing: Vec<MissingSamples> = Vec::new();
     for cell in Cells::new(size, pieces).all() {
@@ -95,7 +95,7 @@ pub(super) fn missing(size: [u32; 2], samples: u32, pieces: &[Extent]) -> Vec<Mi
     joined
 }
 
-/// Adds a cell, joined with the one left of it if that lacks the same samples.
+/// Adds a cell. If the cell to its left lacks the same samples, the two are joined.
 fn note(missing: &mut Vec<MissingSamples>, samples: SampleRange, cell: Crop) {
     let left = missing.iter_mut().rev().find(|other| {
         let crop = &other.crop;

@@ -25,14 +25,14 @@ pub(super) const DESCRIPTION: &str = "penumbra:piece";
 /// The number rises when the format changes.
 const FORMAT: u32 = 1;
 
-/// What the pieces of an image have in common.
+/// Data that all pieces of an image have in common.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Whole {
     pub format: u32,
     pub version: String,
     /// Name and driver of the device: other ones round differently.
     pub device: String,
-    /// Of scene, camera and settings, without the cut.
+    /// Fingerprint of scene, camera and settings, without crop and sample range.
     pub fingerprint: String,
     pub size: [u32; 2],
     pub samples: u32,
@@ -43,7 +43,8 @@ pub(super) struct Whole {
     centre: [u64; 3],
     exponent: i32,
     pub quantities: Vec<Quantity>,
-    /// What denoisers need is there; see [`super::sums::nodes_of`].
+    /// Samples of the first half that denoisers need; `None` if the pieces keep nothing for them. See
+    /// [`super::sums::nodes_of`].
     pub half: Option<u32>,
 }
 
@@ -75,7 +76,7 @@ pub(super) struct Description {
     crop: [u32; 4],
     /// Samples that are left out, as they are not finite.
     pub not_finite: u64,
-    /// Of everything else, and of the sums.
+    /// Hash of everything else, and of the sums.
     digest: String,
 }
 
@@ -128,7 +129,7 @@ impl Description {
         if description.is_sound() { Ok(description) } else { Err(refuse("is damaged")) }
     }
 
-    /// That of a file, without its pixels.
+    /// Reads the description of a file, without its pixels.
     pub fn read(path: &Path) -> Result<Description> {
         let metadata = decode_metadata(&read_file(path)?, path)?;
         Description::of(metadata.get(DESCRIPTION), path)
@@ -193,18 +194,18 @@ fn component_of(total: &mut Total, component: usize) -> &mut f32 {
     }
 }
 
-/// What makes an image into a piece.
+/// The description that makes an image a piece.
 pub(in crate::render) struct Piece(Description);
 
 impl Piece {
-    /// That of a renderer; none if it does not make a piece.
+    /// The piece that a renderer makes; `None` if it makes a whole image.
     pub fn of(renderer: &Renderer<'_>) -> Option<Piece> {
         let sums = renderer.piece_sums.as_ref()?;
         let settings = &renderer.settings;
         let image = &settings.image;
         let uncut = settings.clone().with(|s| {
             (s.image.crop, s.image.piece) = (None, None);
-            // What is kept for denoisers serves all of them.
+            // All denoisers need the same sums, so pieces for different ones can be merged.
             s.image.denoise = if s.image.denoise == Denoise::None { Denoise::None } else { Denoise::Auto };
         });
         let device = &renderer.gpu.info;

@@ -106,7 +106,7 @@ impl Pieces {
         self.merge_and(|image, merged| add_denoised(image, denoiser, gpu, merged, size, background))
     }
 
-    /// As [`Pieces::merge`], with what `add` adds to the image of the sums.
+    /// Like [`Pieces::merge`]; `add` may add channels to the image from the sums.
     fn merge_and(&self, add: impl FnOnce(&mut Image, &Merged<'_>) -> Result<()>) -> Result<Image> {
         let cells = Cells::new(self.whole.size, &self.extents()).all();
         let mut sums = vec![Vec::new(); cells.len()];
@@ -147,14 +147,14 @@ impl Pieces {
         Ok(Image { width, height, channels: picture.channels(merged)?, transparent, ..Image::default() })
     }
 
-    /// What the image has of the metadata of a piece.
+    /// The image's metadata, from that of a piece.
     fn metadata(
         &self,
         mut metadata: BTreeMap<String, Metadata>,
         samples: f64,
         not_finite: u64,
     ) -> BTreeMap<String, Metadata> {
-        // Of the cut, and counts of the piece.
+        // These describe the piece alone.
         for name in [DESCRIPTION, "penumbra:conditioning", "penumbra:fingerprint"] {
             metadata.remove(name);
         }
@@ -184,13 +184,13 @@ fn part_of(node: &Node, crop: &Crop, cell: &Crop) -> Node {
 struct Merged<'a> {
     whole: &'a Whole,
     cells: &'a [Crop],
-    /// Of each cell.
+    /// The nodes of each cell.
     sums: &'a [Vec<Node>],
     /// The number of samples of each pixel.
     samples: Vec<u32>,
 }
 
-/// The values of all pixels, from those of each cell.
+/// The values of all pixels, from the values of each cell.
 fn spread<T: Clone + Default>(
     [width, height]: [u32; 2],
     cells: &[Crop],

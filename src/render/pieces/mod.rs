@@ -1,10 +1,11 @@
-//! Pieces: images of some of the samples, or of a part of the pixels, that are put together to an image with the same
-//! bits whatever the cut.
+//! Pieces: images of some of the samples, or of a part of the pixels. Merged, they give an image with the same bits
+//! however it was divided.
 //!
-//! A sample of a piece depends on its number, its pixel, the scene and the settings alone: what samples otherwise leave
-//! behind for later ones is left out (`ImageSettings::piece`). The order of additions is fixed by a binary tree over
-//! the numbers of the samples, of which a piece holds the largest parts that it has: see `sums.rs`. A piece is an EXR
-//! file that shows its own samples; further channels have the sums: see [`file`].
+//! A sample of a piece depends only on its number, its pixel, the scene and the settings. Everything that samples
+//! otherwise pass on to later ones is left out (`ImageSettings::piece`). The order of additions is fixed by a binary
+//! tree over the numbers of the samples; a piece holds the largest nodes of this tree that lie in its range: see
+//! `sums.rs`. A piece is an EXR file that shows the image of its own samples; further channels hold the sums: see
+//! [`file`].
 
 mod coverage;
 mod file;

@@ -1,12 +1,13 @@
-//! Sums of samples in an order that no cut changes: a binary tree over the numbers of the samples.
+//! Sums of samples in an order that does not depend on how the image is divided: a binary tree over the numbers of the
+//! samples.
 //!
 //! A node of the tree is a range of samples that begins at a multiple of its length, a power of two. Its sum is that of
 //! its halves. A piece holds the sums of the largest nodes in its range, at most two of each length. When pieces are
 //! put together, halves become nodes, until only the largest nodes of the whole range are left; these are added from
-//! the first to the last. So the additions are the same for every cut.
+//! the first to the last. So the additions are the same however the samples are divided.
 //!
-//! Denoisers compare halves of the samples. The first one is a node, the first half of the first of the largest nodes:
-//! these two stay apart then, and are added as ever.
+//! Denoisers compare two halves of the samples. The first one is a node: the first half of the first of the largest
+//! nodes. That node's halves are then kept apart, but are added in the same order as without denoisers.
 
 use bytemuck::{Pod, Zeroable};
 use kernel_kit::{Buffer, Gpu};
@@ -24,7 +25,8 @@ use crate::settings::{Denoise, ImageSettings, SampleRange};
 #[repr(C)]
 pub(super) struct Total {
     pub value: [f32; 4],
-    /// What the values of x, y and z lack; w is the number of samples that were left out, as they were not finite.
+    /// x, y and z: the rounding errors of the values; w: the number of samples that were left out because they were not
+    /// finite.
     pub rest: [f32; 4],
 }
 
@@ -51,7 +53,7 @@ impl Total {
         sum
     }
 
-    /// As the sum of `samples` samples.
+    /// The film's sum of `samples` samples.
     pub fn sum(self, samples: u32) -> Sum {
         let exact = [0, 1, 2].map(|axis| f64::from(self.value[axis]) + f64::from(self.rest[axis]));
         let [x, y, z] = exact;
@@ -59,7 +61,7 @@ impl Total {
     }
 }
 
-/// The totals of a node of the tree: for each quantity those of all pixels.
+/// The totals of a node of the tree: for each quantity, one for each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Node {
     pub range: SampleRange,
@@ -71,7 +73,7 @@ impl Node {
         Node { range, quantities: vec![vec![Total::default(); pixels]; quantities] }
     }
 
-    /// Whether the other node is the second half of the node of which this one is the first.
+    /// Whether the two nodes are the first and second half of one node.
     fn is_first_half_with(&self, second: &Node) -> bool {
         let count = self.range.count();
         self.range.end == second.range.first
@@ -114,7 +116,7 @@ pub(super) fn push(nodes: &mut Vec<Node>, node: Node, half: Option<u32>) {
     }
 }
 
-/// The totals of a quantity over nodes, from the first to the last; none without nodes.
+/// The totals of a quantity over nodes, added from the first to the last; `None` without nodes.
 pub(super) fn totals(nodes: &[Node], quantity: usize) -> Option<Vec<Total>> {
     let (first, others) = nodes.split_first()?;
     let mut totals = first.quantities[quantity].clone();
@@ -124,13 +126,13 @@ pub(super) fn totals(nodes: &[Node], quantity: usize) -> Option<Vec<Total>> {
     Some(totals)
 }
 
-/// The totals of a quantity over the samples 0 to `half` - 1; none if they are not there.
+/// The totals of a quantity over the samples 0 to `half` - 1; `None` if there is no such node.
 pub(super) fn first_half_totals(nodes: &[Node], quantity: usize, half: u32) -> Option<Vec<Total>> {
     let first = nodes.first().filter(|node| node.range == SampleRange { first: 0, end: half })?;
     Some(first.quantities[quantity].clone())
 }
 
-/// The total of the samples of a node, of which `sample` gives one by its number in the node.
+/// The total of `count` samples from number `first`. `sample` returns a sample by its number.
 fn total_of_node(sample: &impl Fn(u32) -> [f32; 4], first: u32, count: u32) -> Total {
     match count {
         1 => Total::of(sample(first)),
@@ -174,7 +176,7 @@ impl PieceSums {
     }
 
     /// Adds the samples of a tile whose first pixel is number `first_pixel` of the piece. Returns how many were left
-    /// out, as they are not finite.
+    /// out because they are not finite.
     pub fn add(&mut self, gpu: &Gpu, buffers: &TileBuffers, first_pixel: usize, tile: &Tile) -> Result<u64> {
         let read = |quantity: Quantity| -> Result<Vec<[f32; 4]>> {
             match samples_of(buffers, quantity) {
@@ -221,7 +223,7 @@ impl PieceSums {
         }
     }
 
-    /// The sums of a quantity over all samples so far; none if it was not requested.
+    /// The sums of a quantity over all samples so far; `None` if it was not requested.
     pub fn totals(&self, quantity: Quantity) -> Option<Vec<Sum>> {
         let index = self.quantities.iter().position(|own| *own == quantity)?;
         let samples = self.range.count();
@@ -235,8 +237,8 @@ impl PieceSums {
         totals.flat_map(|totals| bytemuck::cast_slice::<Total, u32>(totals).iter().copied())
     }
 
-    /// These sums after so many samples of each pixel, from [`PieceSums::words`], which it takes from `words`; none if
-    /// there are too few.
+    /// Restores the sums after `samples` samples of each pixel from [`PieceSums::words`], and removes these from the
+    /// front of `words`; `None` if there are too few words.
     pub fn restored(&self, samples: u32, words: &mut &[u32]) -> Option<PieceSums> {
         let range = SampleRange { end: self.range.first.checked_add(samples)?, ..self.range };
         let mut nodes = Vec::new();
@@ -269,7 +271,7 @@ fn samples_of(buffers: &TileBuffers, quantity: Quantity) -> Option<&Buffer> {
     }
 }
 
-/// The squares of the sum of two lights, of which the second may be missing.
+/// The squares of the sum of two lights. The second may be empty.
 fn squares(one: &[[f32; 4]], other: &[[f32; 4]]) -> Vec<[f32; 4]> {
     let square = |i: usize| {
         let more = other.get(i).copied().unwrap_or_default();
@@ -278,7 +280,8 @@ fn squares(one: &[[f32; 4]], other: &[[f32; 4]]) -> Vec<[f32; 4]> {
     (0..one.len()).into_par_iter().map(square).collect()
 }
 
-/// The samples of the first half of the image that denoisers compare with the other one; none if they get none.
+/// The number of samples in the first half of the image, which denoisers compare with the second; `None` without
+/// denoisers.
 pub(super) fn half_of(image: &ImageSettings) -> Option<u32> {
     (image.denoise != Denoise::None && image.spp > 1).then(|| first_half(image.spp))
 }
@@ -293,7 +296,7 @@ mod tests {
         (*state >> 33) as u32
     }
 
-    /// A sample with a wide range of exponents, and now and then none at all.
+    /// A sample with a wide range of exponents, and now and then one that is not finite.
     fn sample(number: u32) -> [f32; 4] {
         let mut state = u64::from(number) + 1;
         random(&mut state);
@@ -309,7 +312,7 @@ mod tests {
         Node { range, quantities: vec![vec![total]] }
     }
 
-    /// However 0..n is cut, the totals have the same bits, those of one piece.
+    /// However the samples 0..n are divided, the totals have the same bits as in one piece.
     #[test]
     fn no_cut_changes_a_sum() {
         let mut state = 5;

@@ -44,7 +44,7 @@ pub struct Cases {
 pub struct Case {
     /// Unique in the file.
     pub name: String,
-    /// The scene; none where another renderer makes the image.
+    /// The scene; `None` if another renderer makes the image.
     pub scene: Option<PathBuf>,
     /// The image that it should be.
     pub baseline: PathBuf,
@@ -57,11 +57,11 @@ pub struct Case {
 /// How far an image may be from its baseline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Of relMSE.
+    /// Limit of relMSE.
     pub relmse: f64,
-    /// Of the mean of FLIP.
+    /// Limit of the mean of FLIP.
     pub flip: f64,
-    /// Of the share of pixels that changed.
+    /// Limit of the share of pixels that changed.
     pub changed: f64,
     /// A pixel has changed if a channel of its 8-bit sRGB colour differs by more than this.
     pub step: u8,
@@ -70,11 +70,11 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// For another driver or processor on a device of the same kind. On one machine the bits are the same. Measured
-    /// with `scenes/check/CASES.toml`: another Vulkan on the CPU (SwiftShader) has relMSE 4.9e-5 and FLIP 0.013 against
-    /// lavapipe in the crowd; another seed has relMSE 0.019 to 0.060 and FLIP 0.061 to 0.079 in box, crowd and
-    /// materials. The time is for drivers that hang, not for slow machines: a case of that file takes a few seconds, of
-    /// which compiling kernels is most, and hosted services end a run, without a page, after six hours.
+    /// Limits for another driver or processor on a device of the same kind. On one machine the bits are the same.
+    /// Measured with `scenes/check/CASES.toml`: another Vulkan on the CPU (SwiftShader) has relMSE 4.9e-5 and FLIP
+    /// 0.013 against lavapipe in the crowd; another seed has relMSE 0.019 to 0.060 and FLIP 0.061 to 0.079 in box,
+    /// crowd and materials. The time is for drivers that hang, not for slow machines: a case of that file takes a few
+    /// seconds, of which compiling kernels is most, and hosted services end a run, without a page, after six hours.
     fn default() -> Limits {
         Limits { relmse: 1e-3, flip: 0.03, changed: 0.02, step: 8, seconds: 600.0 }
     }

@@ -1,4 +1,4 @@
-//! An image beside its baseline.
+//! Comparison of an image with its baseline.
 
 use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageRgb8};
 
@@ -14,7 +14,7 @@ pub struct Comparison {
     pub relmse: f64,
     /// The mean of FLIP.
     pub flip: f64,
-    /// The share of pixels of which a channel changed by more than the limits' step.
+    /// The share of pixels in which a channel changed by more than the limits' step.
     pub changed: f64,
     /// Pixels that differ in any bit of `R`, `G` or `B`.
     pub different: usize,
@@ -47,7 +47,7 @@ impl Comparison {
         })
     }
 
-    /// What is above its limit, each as a sentence.
+    /// The measures that exceed their limits, each as a sentence.
     pub fn exceeded(&self, limits: &Limits) -> Vec<String> {
         let Limits { relmse, flip, changed, step, .. } = *limits;
         let mut exceeded = Vec::new();
@@ -85,7 +85,7 @@ pub(super) fn display(image: &Image) -> Result<Vec<u8>> {
     colour.display(View::Neutral, 0.0).map_err(missing)
 }
 
-/// The kind of device that made an image; none if it does not tell.
+/// The kind of device that made an image; `None` if its metadata has no device.
 pub(super) fn device_kind(image: &Image) -> Option<&str> {
     match image.metadata.get("penumbra:device") {
         Some(Metadata::Text(name)) => Some(kind_of(name)),
@@ -123,7 +123,7 @@ mod tests {
         let bit = Comparison::new(&bit, &baseline, &limits).unwrap();
         assert_eq!(bit.different, 1);
         assert!(bit.exceeded(&limits).is_empty(), "{bit:?}");
-        // One pixel is wrong: relMSE and its share tell, if they may not.
+        // One pixel is wrong: relMSE and the share of changed pixels exceed their limits.
         let pixel = image(|i| if i == 9 { 0.3 } else { 0.0 });
         let pixel = Comparison::new(&pixel, &baseline, &limits).unwrap();
         assert_eq!((pixel.different, pixel.changed), (1, 1.0 / 64.0));

@@ -1,4 +1,4 @@
-//! What came of cases, as the JUnit XML that hosted services read.
+//! Outcomes of cases, in the JUnit XML that hosted services read.
 
 use std::io::Write;
 

@@ -1,4 +1,4 @@
-//! What came of a case.
+//! The outcome of a case.
 
 use std::borrow::Cow;
 
@@ -6,7 +6,7 @@ use super::cases::Case;
 use super::comparison::{Comparison, device_kind, different_pixels, kind_of};
 use crate::render::film::{Image, View};
 
-/// What a case tells.
+/// The finding of a case.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Finding {
     /// The image is within its limits.
@@ -19,12 +19,12 @@ pub enum Finding {
     Broken(String),
 }
 
-/// What came of a case.
+/// The outcome of a case.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// The case.
     pub case: Case,
-    /// What it tells.
+    /// The finding.
     pub finding: Finding,
     /// The command that makes the image; empty for images of other renderers.
     pub command: String,
@@ -36,12 +36,12 @@ pub struct Outcome {
     pub baseline: Option<Image>,
     /// How far both are from each other.
     pub comparison: Option<Comparison>,
-    /// Pixels of which two runs differ in a bit; none if there was one run.
+    /// Number of pixels in which two runs differ in a bit; `None` if there was one run.
     pub unlike: Option<usize>,
 }
 
 impl Outcome {
-    /// That of a case without an image.
+    /// The outcome of a case without an image.
     pub fn broken(case: &Case, command: String, seconds: f64, problem: String) -> Outcome {
         Outcome {
             case: case.clone(),
@@ -100,7 +100,8 @@ impl Outcome {
         matches!(self.finding, Finding::Passed | Finding::Blessed)
     }
 
-    /// Why the image cannot be the new baseline; none if it can. `device` is the kind that the file of cases names.
+    /// Why the image cannot become the new baseline; `None` if it can. `device` is the kind that the file of cases
+    /// names.
     pub fn cannot_be_blessed(&self, device: Option<&str>) -> Option<String> {
         let Some(image) = &self.image else {
             let Finding::Broken(problem) = &self.finding else { return None };
@@ -149,7 +150,7 @@ fn as_baseline(image: &Image) -> Image {
     image
 }
 
-/// An image as far as a baseline tells it: a PNG has eight bits a channel, and nothing brighter than white.
+/// The image in the precision of its baseline: a PNG has eight bits per channel, and nothing brighter than white.
 fn in_format_of<'a>(case: &Case, image: &'a Image) -> crate::Result<Cow<'a, Image>> {
     match case.baseline.extension() {
         Some(extension) if extension.eq_ignore_ascii_case("png") => {

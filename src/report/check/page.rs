@@ -12,7 +12,7 @@ use crate::render::film::Image;
 use crate::{Error, Result};
 
 /// Renders the page of the cases of `file`. `device` is the one that they ran on, and `unused` are the baselines that
-/// no case uses. Cases that need a look come first.
+/// no case uses. Cases that need attention come first.
 ///
 /// # Errors
 /// [`Error::Output`] if an image cannot be encoded.

@@ -7,7 +7,7 @@ use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// Reads texture infos, and remembers which textures and images of the file are used.
 pub(in crate::scene) trait ReadTexture {
-    /// The texture info `key` of `owner`; None where there is none, or none that can be shown.
+    /// The texture info `key` of `owner`; `None` if there is none, or if its texture cannot be shown.
     ///
     /// # Errors
     /// [`crate::Error`] with the place in the file where the info is malformed.
@@ -15,7 +15,7 @@ pub(in crate::scene) trait ReadTexture {
         self.texture_of_form(owner, key, space, Form::Stored)
     }
 
-    /// As [`ReadTexture::texture`], of an image that is derived from the stored one.
+    /// Like [`ReadTexture::texture`], for an image that is derived from the stored one.
     ///
     /// # Errors
     /// As [`ReadTexture::texture`].
@@ -28,7 +28,7 @@ pub(in crate::scene) trait ReadTexture {
     ) -> Result<Option<TextureInfo>>;
 }
 
-/// What a lobe's texels depend on beside its own parameters.
+/// What a lobe's texels depend on besides its own parameters.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surroundings {
     /// Factor from world lengths to normalised ones.
@@ -37,7 +37,7 @@ pub(crate) struct Surroundings {
     pub ior: f32,
     /// Index of refraction of the volume around the surface; 1 for air.
     pub outside: f32,
-    /// What that volume absorbs by normalised length.
+    /// Absorption of that volume per normalised length.
     pub absorption: [f32; 3],
 }
 
@@ -78,7 +78,7 @@ pub(in crate::scene) trait Lobe: Sized + Default {
     /// Its texels in the table of materials: [`Layout::texels`] of them.
     fn texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]>;
 
-    /// The texture whose coordinates give tangents to triangles without any, if the lobe needs tangents.
+    /// The texture whose coordinates define tangents for triangles that have none, if the lobe needs tangents.
     fn tangent_texture(&self) -> Option<TextureInfo> {
         None
     }

@@ -19,7 +19,7 @@ use crate::scene::texture::{ColourSpace, TextureInfo};
 /// Name of the extension.
 pub(in crate::scene) const EXTENSION: &str = "KHR_materials_pbrSpecularGlossiness";
 
-/// What stands for the index of refraction whose reflectance at normal incidence is 1.
+/// The index of refraction that stands for infinity; its reflectance at normal incidence is 1.
 pub(super) const INFINITE_IOR: f32 = 0.0;
 
 /// The parts of a metallic-roughness material that the extension replaces. It has no metal.

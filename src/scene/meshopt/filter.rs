@@ -1,7 +1,7 @@
 //! Filters of meshopt compression (appendix B of KHR_meshopt_compression): the last step of decoding attributes.
 //! Numbers outside of their valid range give some number, never a panic.
 
-/// What the decoded attributes stand for.
+/// The encoding of decoded attributes.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Filter {
     Octahedral,
@@ -11,7 +11,7 @@ pub(super) enum Filter {
 }
 
 impl Filter {
-    /// The filter of that name; None for the name that stands for no filter. Colours belong to the KHR extension only.
+    /// The filter of that name; `None` for `NONE`. Colours belong to the KHR extension only.
     pub fn named(name: &str, is_khr: bool) -> Result<Option<Filter>, String> {
         match name {
             "NONE" => Ok(None),
@@ -32,7 +32,7 @@ impl Filter {
         }
     }
 
-    /// Replaces the elements by what they stand for.
+    /// Replaces the elements by the values that they encode.
     pub fn apply(self, bytes: &mut [u8], stride: usize) {
         let of_words = |decode: fn([i16; 4]) -> [i16; 4], bytes: &mut [u8]| {
             for element in bytes.as_chunks_mut::<8>().0 {
@@ -110,13 +110,13 @@ fn quaternion([x, y, z, last]: [i16; 4]) -> [i16; 4] {
     decoded
 }
 
-/// Filter 3: 8 bits of exponent, 24 of mantissa. The product is exact in f64, and the specification asks for that of
+/// Filter 3: 8 bits of exponent, 24 of mantissa. The product is exact in f64, and the specification requires that of
 /// f32.
 fn exponential(value: i32) -> f32 {
     (f64::from(value << 8 >> 8) * 2f64.powi(value >> 24)) as f32
 }
 
-/// Filter 4: colour from luma, two chromas and alpha, all of as many bits as the alpha's highest bit says.
+/// Filter 4: colour from luma, two chromas and alpha, all with the number of bits that alpha's highest set bit gives.
 fn colour([y, co, cg, alpha]: [i32; 4], max: f32) -> [f32; 4] {
     let scale = (1 << (32 - alpha.leading_zeros())) - 1;
     let a = alpha & (scale >> 1);

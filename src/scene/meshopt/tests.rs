@@ -212,7 +212,7 @@ fn filters_agree_with_the_official_ones() {
     }
 }
 
-/// Damaged streams end with an error or with other bytes, never with a panic or with more bytes than asked for.
+/// Damaged streams end with an error or with other bytes, never with a panic or with more bytes than requested.
 #[test]
 fn damaged_streams_end() {
     let mut random = Random(4);

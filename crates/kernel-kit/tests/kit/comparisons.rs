@@ -6,7 +6,8 @@ fn inputs(lane: usize) -> String {
     format!("input {lane}")
 }
 
-/// How many differ, the worst of them, both values and its inputs are told; those of other lanes are not made.
+/// The error states how many lanes differ, and the index, both values and the inputs of the worst one. The inputs of
+/// other lanes are not computed.
 #[test]
 fn the_worst_lane_is_told() {
     exact(&[1u32, 2, 3], &[1, 2, 3], inputs).unwrap();
@@ -37,7 +38,7 @@ fn steps_between_floats_are_counted() {
     assert!(text.starts_with("2 of 2 lanes differ; the worst is lane 1: got NaN, expected 1.0"), "{text}");
 }
 
-/// The relative bound holds down to the floor, and values that are not finite are those of themselves alone.
+/// The relative bound holds down to the floor. NaN equals only NaN, and an infinity equals only itself.
 #[test]
 fn relative_bounds_have_a_floor() {
     let compare = |got: &[f32], expected: &[f64]| within_relative(got, expected, 0.01, 0.001, inputs);

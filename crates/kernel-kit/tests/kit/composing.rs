@@ -114,7 +114,7 @@ fn hexadecimal_floats_are_refused() {
 }
 
 /// A kernel of several entry points, each with modules of its own, is composed to the same text every time: drivers
-/// know programs by their bits.
+/// identify programs by their bits.
 #[test]
 fn composing_is_repeatable() {
     let numbers = || 0..6u32;

@@ -1,4 +1,4 @@
-//! Opening devices, taking one that is open, and what is said of those that there are not.
+//! Opening devices, taking an open one, and the errors for devices that do not exist.
 
 use std::sync::{Arc, Mutex};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -31,7 +31,7 @@ const ADD: &str = "
 var<immediate> summand: u32;
 @compute @workgroup_size(64) fn add(@builtin(global_invocation_id) id: vec3u) { values[id.x] += summand; }";
 
-/// A device that the caller has opened runs kernels, times them if it can, and knows its own limits.
+/// A device that the caller has opened runs kernels, times them if it can, and reports its own limits.
 #[kernel_test]
 fn the_callers_device_is_taken(gpu: &Gpu) {
     let adapter = adapter(&gpu.info.name);
@@ -61,7 +61,7 @@ fn the_callers_device_is_taken(gpu: &Gpu) {
     }
 }
 
-/// Whoever watches the compilation of kernels that the driver has never seen hears of all of them.
+/// A watcher of compilation is called for all kernels that the driver has never seen.
 #[kernel_test]
 fn compilation_is_watched(gpu: &Gpu) {
     if !gpu.is_software() {
@@ -93,7 +93,7 @@ fn compilation_is_watched(gpu: &Gpu) {
     assert!(heard.windows(2).all(|pair| pair[1].done == pair[0].done + 1), "{heard:?}");
 }
 
-/// With the least limits a device has no more than these, and says so.
+/// With the least limits, a device reports no more than these.
 #[kernel_test]
 fn few_limits_are_requested(gpu: &Gpu) {
     let least = Gpu::open_with(&same_device(), DeviceLimits::Least).unwrap();
@@ -108,7 +108,7 @@ fn few_limits_are_requested(gpu: &Gpu) {
     assert_eq!(["own", "least", "gpu"].map(|text| text.parse()), all.map(Ok));
 }
 
-/// Devices are found by index and by part of a name; what is said of others names those that there are.
+/// Devices are found by index and by part of a name; the error for any other names the existing ones.
 #[kernel_test]
 fn devices_are_selected(gpu: &Gpu) {
     let list = Gpu::list();
@@ -121,7 +121,7 @@ fn devices_are_selected(gpu: &Gpu) {
     }
 }
 
-/// What is done on a lost device says so, and does not panic.
+/// An operation on a lost device returns an error, and does not panic.
 #[kernel_test]
 fn a_lost_device_is_an_error(gpu: &Gpu) {
     let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();

@@ -70,8 +70,8 @@ fn kept_kernels_are_made_once(gpu: &Gpu) {
     assert_eq!(gpu.kept_kernels(), 2);
 }
 
-/// Threads that want the same kernel at the same time wait for the one that makes it. One that fails leaves it to the
-/// next.
+/// Threads that want the same kernel at the same time wait for the one that makes it. If that one fails, the next
+/// thread makes it.
 #[kernel_test]
 fn kept_kernels_are_made_by_one_thread(gpu: &Gpu) {
     let gpu = &Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
@@ -118,7 +118,7 @@ fn dispatches_cover_every_item_once(gpu: &Gpu) {
     assert!(caught.starts_with("65 of 4194312 lanes differ") && caught.contains(&POISON.to_string()), "{caught}");
 }
 
-/// No items and one item: the kernel runs for none, and for one.
+/// A dispatch over no items runs the kernel for none, and one over one item runs it once.
 #[kernel_test]
 fn dispatches_of_none_and_of_one(gpu: &Gpu) {
     let source = "
@@ -180,8 +180,8 @@ fn kernels_write_the_arguments_of_dispatches(gpu: &Gpu) {
     arguments_are_followed(gpu, &bound, &arguments);
 }
 
-/// Kernels that were compiled ahead give what they should, and the device's clock goes on telling how long they take.
-/// (Where what stands in for their tables was cleared by the device, every pass seemed to take next to no time.)
+/// Kernels that were compiled ahead give the right results, and the device's clock still measures their times. (If the
+/// device had cleared the dummy textures for their tables, every pass seemed to take almost no time.)
 #[kernel_test]
 fn kernels_compiled_ahead_run_and_are_timed(gpu: &Gpu) {
     let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
@@ -336,8 +336,8 @@ fn lane(
     lanes[index] = vec2u(size, lane);
 }";
 
-/// Subgroups have the size that the device says, and on software devices, whose kernels rely on it, follow each other
-/// in the workgroup.
+/// Subgroups have the size that the device reports. On software devices, whose kernels rely on it, they also follow
+/// each other in the workgroup.
 #[kernel_test]
 fn subgroups_are_as_the_device_says(gpu: &Gpu) {
     let Some(size) = gpu.subgroup_size else {

@@ -23,7 +23,7 @@ fn count(
 }";
 
 /// Each of `items` items, with one that none is dispatched for, runs once in a dispatch whose size the host knows, and
-/// once in one whose size a buffer tells.
+/// once in one whose size is in a buffer.
 fn run_twice(gpu: &Gpu, bound: &BoundKernel, runs: &Buffer, items: u32) -> Result<(), compare::Mismatch> {
     let [x, y, z] = dispatch_size(items.div_ceil(64));
     let arguments = gpu.upload("test/arguments", &[7, 7, 7, x, y, z]).unwrap();
@@ -55,7 +55,7 @@ fn slices_are_the_whole(_: &Gpu) {
     // As if no time passed.
     gpu.pretend_slower(0.0);
     run_twice(&gpu, &bound, &runs, 100_000).unwrap();
-    // Of the 1563 workgroups 256 at a time, and sixteen slices of a size that the host does not know.
+    // 1563 workgroups are sliced by 256; a dispatch whose size the host does not know is sliced into sixteen.
     assert_eq!(gpu.slices(), 7 + 16, "unknown passes");
     run_all();
     assert_eq!(gpu.slices(), 7 + 16, "fast passes");
@@ -68,7 +68,7 @@ fn slices_are_the_whole(_: &Gpu) {
     }
     // Of the last one, 16 workgroups one by one.
     assert!(gpu.slices() >= before + 16 + 64, "slow passes: {} slices, then {}", before, gpu.slices());
-    // A kernel that does not ask for its place is not sliced: it would run as often as there are slices.
+    // A kernel that does not use `group_index` is not sliced: it would run once for each slice.
     let whole = COUNT.replace("group_index(group, groups)", "(group.x + group.y * groups.x)");
     let composed = Composer::new().compose_source("whole", &whole, &Features::none()).unwrap();
     let kernel = Kernel::new(&gpu, &composed, &Host::default()).unwrap();

@@ -3,8 +3,8 @@
 use kernel_kit::{Gpu, kernel_test, wgpu};
 use wgpu::hal::api::Vulkan;
 
-/// Two writes to a buffer without a barrier between them, of which wgpu does not know. Without a validation layer
-/// nobody sees it; a command that runs this test under the layer must fail.
+/// Two writes to a buffer without a barrier between them, which wgpu does not see. Without a validation layer nothing
+/// reports it; a command that runs this test under the layer must fail.
 #[kernel_test]
 #[ignore = "it has a fault on purpose: under the validation layer its command fails"]
 fn a_missing_barrier_is_for_the_validation_layer(gpu: &Gpu) {

@@ -83,7 +83,7 @@ pub(crate) const MIN_ROUGHNESS: f64 = 0.07;
 /// Minimum cosine of a view to the fibres, as in the kernels.
 const MIN_COSINE: f64 = 1e-4;
 
-/// What the table is raised by: interpolation falls short by 0.14 % at most, and light must not come of it.
+/// Factor by which the table is raised: interpolation can be too low by 0.14 %, and the error must not create light.
 const RAISED: f64 = 1.0015;
 
 /// Points of the quadrature each way. Twice as many change no entry by 1e-4.
@@ -107,8 +107,8 @@ pub(crate) fn albedos() -> Vec<[f32; 4]> {
 }
 
 /// The directional albedo, over its factors of the view alone: the integral of D (1 + lambda_v) / (1 + lambda_v +
-/// lambda_l) over the directions l of light. By midpoints: of the cubic root of l's height, as most happens low down,
-/// and of the azimuth.
+/// lambda_l) over the directions l of light. It is integrated by midpoints, over the azimuth and over the cubic root of
+/// l's height, because most of the light is scattered near grazing angles.
 fn scaled_albedo(cosine: f64, alpha: f64) -> f64 {
     let middle = |i: usize| (i as f64 + 0.5) / POINTS as f64;
     let sine = (1.0 - cosine * cosine).sqrt();

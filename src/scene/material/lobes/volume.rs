@@ -1,4 +1,4 @@
-//! What light passes through behind a surface: KHR_materials_volume.
+//! The volume behind a surface (KHR_materials_volume).
 
 use glam::Vec3;
 
@@ -7,7 +7,7 @@ use crate::scene::json::Json;
 use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::scene::texture::TextureInfo;
 
-/// What light passes through inside a closed surface (KHR_materials_volume).
+/// The medium inside a closed surface (KHR_materials_volume).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Volume {
     /// World length after which white light has the attenuation colour; infinite where nothing is absorbed.
@@ -24,7 +24,7 @@ impl Volume {
     /// Lambert).
     pub(in crate::scene::material) fn absorption(&self, scale: f64) -> [f32; 3] {
         let distance = f64::from(self.attenuation_distance) * scale;
-        // What nothing passes still has a logarithm: e^-80 is less than any radiance that shows.
+        // A colour of 0 would have an infinite logarithm. e^-80 is less than any radiance that shows.
         self.attenuation_colour.to_array().map(|c| (-f64::from(c).ln().max(-80.0) / distance) as f32)
     }
 
@@ -73,7 +73,7 @@ impl Lobe for Option<Volume> {
         let bends = self.is_some() && (ior - 1.0).abs() >= MIN_BENDING;
         // An index of 0 stands for an infinite one, which reflects all.
         let refraction = if bends && ior > 0.0 { ior } else { 1.0 };
-        // What has no volume of its own has the same around it on both sides.
+        // A surface without a volume of its own has the same medium on both sides.
         let own = self.map(|volume| volume.absorption(surroundings.scale));
         let [red, green, blue] = own.unwrap_or(surroundings.absorption);
         vec![[red, green, blue, refraction]]
