@@ -103,11 +103,13 @@ pub fn run(py: Python<'_>, mut job: Job) -> PyResult<RenderResult> {
     };
     match outcome {
         Ok(Done { image, statistics, stopped: None }) => {
+            // A signal that arrived after the last batch, as while denoising, would be raised by the Python code that
+            // makes the result, or before the caller has it.
+            let stop = py.check_signals().err();
             let result = result(image, statistics)?;
-            // A signal that arrived after the last batch, as while denoising, would be raised before the caller has it.
-            match py.check_signals() {
-                Ok(()) => Ok(result),
-                Err(stop) => Err(interrupted(py, stop, Some(result))?),
+            match stop.or_else(|| py.check_signals().err()) {
+                None => Ok(result),
+                Some(stop) => Err(interrupted(py, stop, Some(result))?),
             }
         }
         Ok(Done { image, statistics, stopped: Some(stop) }) => {

@@ -1,9 +1,9 @@
 //! Extreme lights: tiny, huge, touching surfaces, at grazing angles, and many.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use penumbra::internal::stress::lights::{DISTANCE, LIGHTS, RADIANCE, RADIUS, RATIO};
-use penumbra::internal::stress::oracle::{polygon_irradiance, reflected};
-use penumbra::internal::stress::stage::{Eye, Paint, Stage, View, cube, inside_out, outline, square};
+use penumbra::internal::stress::oracle::{green, polygon_irradiance, reflected};
+use penumbra::internal::stress::stage::{Eye, Paint, PointLight, Stage, View, cube, inside_out, outline, square};
 use penumbra::{Aov, Technique};
 
 use crate::setup::{assert_finite, assert_holds, brightest, mean_and_error, render, settings, with_variance};
@@ -75,6 +75,40 @@ fn grazing_light_has_lamberts_irradiance() {
         let closed = if technique == Technique::SHADOW_PHOTONS { reflected(0.5, 1e6 * 1e-6) } else { 0.0 };
         assert!((mean - expected).abs() < 3.5 * error + closed, "{technique}: {mean} +- {error} for {expected}");
         assert!(error < 0.02 * expected, "{technique}: too noisy to tell");
+    }
+}
+
+/// A point light that lies exactly in a ceiling, as lamps in exported scenes do, lights the floor by I cos / r^2, whatever
+/// the slope of the ceiling; and photons carry as much as shadow rays find.
+#[test]
+fn a_point_light_in_a_ceiling_lights_the_floor() {
+    const SIDE: u32 = 16;
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let eye = Eye { position: y * 0.8, towards: -y, view: View::Orthographic(0.4) };
+    let both = |centre, a, b| [square(centre, a, b), square(centre, b, a)].concat();
+    let level = Stage {
+        lights: vec![PointLight { position: y, intensity: 2.0 }],
+        ..Stage::new(eye).with(square(DVec3::ZERO, z, x), Paint::matte(0.5)).with(both(y, x, z), Paint::matte(0.5))
+    };
+    let axis = DVec3::new(1.0, 2.0, 3.0).normalize();
+    let sloped = level.clone().transformed(DAffine3::from_axis_angle(axis, 0.7));
+    for (stage, technique) in [&level, &sloped].into_iter().flat_map(|s| Technique::all().map(move |t| (s, t))) {
+        let (image, _) = render(stage, &settings(technique, SIDE, 1, 0));
+        let expected = |i: u32| {
+            let (origin, _) = eye.ray([i % SIDE, i / SIDE], SIDE);
+            let r2 = origin.x * origin.x + origin.z * origin.z + 1.0;
+            reflected(0.5, 2.0 / (r2 * r2.sqrt()))
+        };
+        let expected: Vec<f64> = (0..SIDE * SIDE).map(expected).collect();
+        let found: Vec<f64> = green(&image).collect();
+        // A map of photons has noise: 2 % of the mean are three standard errors of 20,000 photons in the view.
+        let mean = found.iter().sum::<f64>() / expected.iter().sum::<f64>();
+        assert!((mean - 1.0).abs() < 0.02, "{technique}: {mean} of the light");
+        if !technique.shows_map() {
+            let off = found.iter().zip(&expected).map(|(found, expected)| (found / expected - 1.0).abs());
+            // Rounding of positions.
+            assert!(off.fold(0.0, f64::max) < 1e-4, "{technique}: {found:?}, not {expected:?}");
+        }
     }
 }
 

@@ -57,6 +57,29 @@ fn leaves_show_the_light_behind_them() {
     }
 }
 
+/// No glass shines brighter than the furnace around it, whatever part of it is a diffuse base: light that is reflected
+/// totally inside reaches no base. A base that ignored this would add light at each reflection, without bound.
+#[test]
+fn glass_with_a_diffuse_base_makes_no_light() {
+    let white = panorama(8, 4, |_| DVec3::ONE);
+    let view = camera(DVec3::new(0.0, 0.0, 1.6), DVec3::NEG_Z, 0.6);
+    for (factor, roughness) in [(0.1, 0.2), (0.5, 0.0), (0.5, 0.4), (0.9, 0.2)] {
+        let (transmission, base_colour) = (Transmission::with_factor(factor), surface(0.8, 0.0).base_colour);
+        let partly = Material { transmission, base_colour, roughness, ..glass(1.5, 0.0) };
+        for technique in [Technique::PATH, Technique::TWO_PASS] {
+            let ball = [(sphere(DVec3::ZERO, 0.4, 24), partly.clone())];
+            let (image, _) = render_scene(under(&ball, &white), &view, &settings(technique, 32));
+            let (mean, error) = mean_and_error(&image, "G");
+            println!("{technique}, factor {factor}, roughness {roughness}: {mean} +- {error}");
+            // The ball covers a half of the view, and returns at least a third of the light.
+            assert!(error < 0.01 && (0.6..1.0 + 3.0 * error).contains(&mean), "{technique}: {mean} +- {error}");
+            // A path adds at most 1 where weights of samples are bounded by the lobes' chances.
+            let brightest = image.channel("G").unwrap().iter().fold(0f32, |max, x| max.max(*x));
+            assert!(brightest < 1.2, "{technique}, factor {factor}: {brightest}");
+        }
+    }
+}
+
 /// A lamp over a leaf over a floor: what shadow photons, final gathering and caustics make of the light that the leaf
 /// scatters is what paths find.
 #[test]
