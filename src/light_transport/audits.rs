@@ -13,9 +13,9 @@ use crate::statistics::totals::Totals;
 /// (docs/decisions.md).
 const CHANCE_OF_SHARE: f64 = 50.0;
 
-/// Audits without a mistake that are assumed before the first one. The probability at the start is then CHANCE_OF_SHARE
-/// * sqrt(0.5 / 1250) = 1: all of the first points are audited, as most mistakes are in cells that have few photons
-/// yet.
+/// Audits without a mistake that are assumed before the first one. The probability at the start is then 1 =
+/// CHANCE_OF_SHARE sqrt(0.5 / 1250): all of the first points are audited, as most mistakes are in cells that have few
+/// photons yet.
 const EARLIER_AUDITS: f64 = 1250.0;
 
 /// How the next samples are protected against wrong classes.

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::denoise::chance::{Seen, settled};
 use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
-use super::picture::{Quantity, Sums, colour_of, means};
+use super::picture::{Quantity, Sums, behind, colour_of, means};
 use super::tiles::first_half;
 use crate::passes::film::{Sum, variance_of_mean};
 use crate::settings::Background;
@@ -27,18 +27,24 @@ pub(super) fn add_denoised(
         noisy.halves = None;
     }
     let Some(denoised) = denoiser.denoise(gpu, &noisy)? else { return Ok(()) };
-    let mut colours = denoised.colour;
+    let (mut colours, mut errors) = (denoised.colour, denoised.error);
     if let Some(background) = colour_of(background) {
         let means = means(sums, Quantity::Direct)?.unwrap_or_default();
         for (colour, mean) in colours.iter_mut().zip(&means) {
-            let behind = background * (1.0 - mean.w);
+            let behind = behind(background, mean);
             *colour = [0, 1, 2].map(|c| colour[c] + behind[c] as f32);
+        }
+        let mean_square = background.length_squared() / 3.0;
+        if let Some(errors) = &mut errors {
+            for (error, variance) in errors.iter_mut().zip(coverage_variances(sums, &means)?) {
+                *error = (f64::from(*error).powi(2) + mean_square * variance).sqrt() as f32;
+            }
         }
     }
     for (c, name) in ["denoised.R", "denoised.G", "denoised.B"].into_iter().enumerate() {
         image.add_channel(name, colours.iter().map(|colour| colour[c]).collect());
     }
-    if let Some(error) = denoised.error {
+    if let Some(error) = errors {
         image.add_channel("error", error);
     }
     Ok(())
@@ -48,7 +54,9 @@ pub(super) fn add_denoised(
 pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
     let [albedo, normal, position] = [Quantity::GuideAlbedo, Quantity::GuideNormal, Quantity::GuidePosition]
         .map(|quantity| means(sums, quantity).map(Option::unwrap_or_default));
-    let guides = guides_of(size, [&albedo?, &normal?, &position?]);
+    let (albedo, normal, position) = (albedo?, normal?, position?);
+    let is_clean = clean(sums, &albedo, &position)?;
+    let guides = guides_of(size, [&albedo, &normal, &position]);
 
     let samples = |pixel: usize| sums.samples_of(pixel);
     let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
@@ -82,7 +90,38 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
         |of: usize, means: Vec<Vec<Colour>>| Light { parts: half_parts(means, &all, &|pixel| factor(of, pixel)) };
     let [first, second] = halves;
     let halves = (!first.is_empty()).then(|| [half(0, first), half(1, second)]);
-    Ok(Noisy { size, all: Light { parts: all }, halves, half_samples, guides })
+    Ok(Noisy { size, all: Light { parts: all }, halves, half_samples, guides, is_clean })
+}
+
+/// The variance of each pixel's coverage, w of `means`. Samples are stratified, so it is less than that of independent
+/// zeros and ones: by a factor that the halves of all samples show, over all pixels together.
+fn coverage_variances(sums: &dyn Sums, means: &[DVec4]) -> Result<Vec<f64>> {
+    let independent =
+        |(pixel, mean): (usize, &DVec4)| mean.w * (1.0 - mean.w) / (f64::from(sums.samples_of(pixel)) - 1.0).max(1.0);
+    let variances: Vec<f64> = means.iter().enumerate().map(independent).collect();
+    let all: f64 = variances.iter().sum();
+    let (Some(first), Some(whole)) = (sums.first_halves(Quantity::Direct)?, sums.sums(Quantity::Direct)?) else {
+        return Ok(variances);
+    };
+    let between = |(first, whole): (&Sum, &Sum)| {
+        let second = whole.without(first);
+        let are_both = first.kept > 0.0 && second.kept > 0.0;
+        if are_both { (first.mean().w - second.mean().w).powi(2) / 4.0 } else { 0.0 }
+    };
+    let factor = if all > 0.0 { first.iter().zip(&whole).map(between).sum::<f64>() / all } else { 1.0 };
+    Ok(variances.into_iter().map(|variance| factor * variance).collect())
+}
+
+/// Pixels whose samples show nothing, or the environment alone: without a surface, a lens, or a random choice (w of
+/// `albedo`).
+fn clean(sums: &dyn Sums, albedo: &[DVec4], position: &[DVec4]) -> Result<Vec<bool>> {
+    let direct = means(sums, Quantity::Direct)?.unwrap_or_default();
+    let may_have_lens = sums.may_have_lens();
+    let is_clean = |(i, direct): (usize, &DVec4)| {
+        let without_surface = || position.get(i).is_some_and(|p| p.w == 0.0) && albedo[i].w == 0.0;
+        direct.w == 0.0 || !may_have_lens && without_surface()
+    };
+    Ok(direct.iter().enumerate().map(is_clean).collect())
 }
 
 /// The guides by the means of what pass `primary` wrote.

@@ -105,6 +105,10 @@ impl<'a> Kept<'a> {
 }
 
 impl Sums for Film<'_> {
+    fn may_have_lens(&self) -> bool {
+        self.renderer.camera.lens.is_some()
+    }
+
     fn sums(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>> {
         match self.piece_sums() {
             Some(sums) => Ok(sums.totals(quantity)),

@@ -76,6 +76,9 @@ pub(super) trait Sums {
     /// they were not kept.
     fn first_halves(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>>;
 
+    /// Whether the camera may have a lens, which spreads the rays of a pixel beyond the pixel.
+    fn may_have_lens(&self) -> bool;
+
     /// The number of samples of a pixel.
     fn samples_of(&self, pixel: usize) -> u32;
 
@@ -103,7 +106,7 @@ impl Picture<'_> {
         let indirect = indirect.unwrap_or_else(|| vec![DVec4::ZERO; direct.len()]);
         let mut channels = Vec::new();
         let background = colour_of(self.background);
-        let over = |v: &DVec4| background.map_or(*v, |colour| (v.truncate() + colour * (1.0 - v.w)).extend(1.0));
+        let over = |v: &DVec4| background.map_or(*v, |colour| (v.truncate() + behind(colour, v)).extend(1.0));
         let shown: Vec<DVec4> = total.iter().map(over).collect();
         push(&mut channels, ["R", "G", "B"], &shown);
         channels.push(Channel { name: "A".into(), samples: shown.iter().map(|v| v.w as f32).collect() });
@@ -121,7 +124,8 @@ impl Picture<'_> {
                 Aov::Position => push(&mut channels, ["P.X", "P.Y", "P.Z"], &self.positions(sums, &shares)?),
                 Aov::Depth => channels.push(Channel { name: "Z".into(), samples: self.depths(sums, &shares)? }),
                 Aov::Variance => {
-                    push(&mut channels, ["variance.R", "variance.G", "variance.B"], &variances(sums, &total)?);
+                    let variances = variances(sums, &total, background)?;
+                    push(&mut channels, ["variance.R", "variance.G", "variance.B"], &variances);
                 }
                 Aov::Samples => {
                     let samples = (0..total.len()).map(|pixel| sums.samples_of(pixel) as f32).collect();
@@ -178,11 +182,19 @@ fn surface_shares(sums: &dyn Sums, total: &[DVec4]) -> Result<Vec<f64>> {
     Ok(albedo.as_deref().unwrap_or(total).iter().map(|mean| mean.w).collect())
 }
 
-/// See [`variance_of_mean`].
-fn variances(sums: &dyn Sums, total: &[DVec4]) -> Result<Vec<DVec4>> {
+/// The part of a background's colour that is seen in a pixel of the mean `v`, whose w is the share of rays that meet
+/// the scene.
+pub(super) fn behind(colour: DVec3, v: &DVec4) -> DVec3 {
+    colour * (1.0 - v.w)
+}
+
+/// See [`variance_of_mean`]. A ray that meets nothing brings the background's colour and no light.
+fn variances(sums: &dyn Sums, total: &[DVec4], background: Option<DVec3>) -> Result<Vec<DVec4>> {
     let squares = means(sums, Quantity::Squares)?.unwrap_or_default();
+    let colour = background.unwrap_or_default();
     let variance = |(pixel, (square, mean)): (usize, (&DVec4, &DVec4))| {
-        variance_of_mean(*mean, *square, f64::from(sums.samples_of(pixel)))
+        let [more, more_squared] = [colour, colour * colour].map(|colour| behind(colour, mean).extend(0.0));
+        variance_of_mean(*mean + more, *square + more_squared, f64::from(sums.samples_of(pixel)))
     };
     Ok(squares.iter().zip(total).enumerate().map(variance).collect())
 }

@@ -119,6 +119,9 @@ fn check<'a>(image: &'a Image, reference: &'a Image) -> Result<[(&'a [f32], &'a 
         let problem = format!("is {} pixels, the reference {}", size(image), size(reference));
         return Err(Error::input("image", "file", problem));
     }
+    if image.crop.zip(reference.crop).is_some_and(|(a, b)| a != b) {
+        return Err(Error::input("image", "file", "shows another part of the image than the reference"));
+    }
     if image.pixels() == 0 {
         return Err(Error::input("image", "file", "has no pixels"));
     }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use penumbra::Image;
-use penumbra::internal::render::film::View;
+use penumbra::internal::render::film::{View, Window};
 
 use crate::program::{Answer, folder, run};
 use crate::schema;
@@ -85,6 +85,15 @@ fn images_that_cannot_be_compared() {
     let missing = folder.path().join("missing.exr");
     let broken = folder.path().join("broken.exr");
     std::fs::write(&broken, "not an image").unwrap();
+    let [part, other_part] = [0, 4].map(|x| {
+        let mut part = Image::read(&other).unwrap();
+        part.crop = Some(Window { at: [x, 0], of: [16, 8] });
+        let path = folder.path().join(format!("part{x}.exr"));
+        part.write_exr(&path).unwrap();
+        path
+    });
+    compare("", [&part, &part]).assert_done();
+    compare("", [&part, &other_part]).assert_refused(3, &["part0.exr", "another part"]);
     compare("", [&image, &missing]).assert_refused(3, &["missing.exr"]);
     compare("", [&broken, &image]).assert_refused(3, &["broken.exr"]);
     compare("", [&other, &image]).assert_refused(3, &["other.exr", "8 x 8", "16 x 8"]);

@@ -78,8 +78,8 @@ fn grazing_light_has_lamberts_irradiance() {
     }
 }
 
-/// A point light that lies exactly in a ceiling, as lamps in exported scenes do, lights the floor by I cos / r^2, whatever
-/// the slope of the ceiling; and photons carry as much as shadow rays find.
+/// A point light that lies exactly in a ceiling, as lamps in exported scenes do, lights the floor by I cos / r^2 at any
+/// slope of the ceiling; and photons carry as much as shadow rays find.
 #[test]
 fn a_point_light_in_a_ceiling_lights_the_floor() {
     const SIDE: u32 = 16;

@@ -4,6 +4,7 @@ mod adaptive;
 #[allow(dead_code)]
 #[path = "../scene/builder.rs"]
 mod builder;
+mod denoised;
 #[path = "../common/device.rs"]
 mod device;
 mod direct;

@@ -475,6 +475,7 @@ fn halves_tell_how_much_is_noise(gpu: &Gpu) {
             halves: Some(means.map(|mean| light(mean, 0.08))),
             half_samples: [8, 8],
             guides: Guides { albedo, normal, position },
+            is_clean: vec![false; SIZE * SIZE],
         };
         let filtered = StatisticalDenoiser::new(gpu).unwrap().filter_noisy(&noisy).unwrap();
         assert_eq!(filtered.halves.map(|halves| halves.map(|half| half.len())), Some([all.len(); 2]));

@@ -69,6 +69,21 @@ fn a_reference_that_runs_out_of_time_is_short() {
     assert!(!enough.is_short() && enough.image == longer.image);
 }
 
+/// A clamp is no part of the reference: it is biased, and reports without it find the same folder.
+#[test]
+fn a_reference_has_no_clamp() {
+    let scene = Box::load();
+    let settings = Settings::default().with(|s| (s.image.width, s.image.height) = (8, 8));
+    let clamped = settings.clone().with(|s| s.indirect.clamp = Some(1e-4));
+    let make = |settings: &Settings| {
+        let folder = folder();
+        let goal = Goal { standard_error: 1e-9, seconds: 1e-9 };
+        let made = Reference::make(&scene.subject(settings), folder.path(), goal, &|| false, &mut |_| {});
+        made.unwrap().unwrap().image.channels
+    };
+    assert_eq!(make(&settings), make(&clamped));
+}
+
 /// A stopped session returns nothing and keeps the halves on disk.
 #[test]
 fn a_stopped_session_keeps_the_saved_halves() {

@@ -18,7 +18,7 @@ use serde_json::json;
 
 use crate::builder::File;
 use crate::device::gpu;
-use crate::setup::{BOX, SPHERE, choices, folder, session, settings, settle, state};
+use crate::setup::{BOX, SPHERE, choices, folder, session, settings, settle, state, state_with};
 
 /// A view of the box from the right.
 const FROM_THE_RIGHT: LookAt =
@@ -485,6 +485,31 @@ fn a_resized_picture_is_rendered_and_saved() {
     assert!(Image::read(&exr).unwrap().channel("albedo.R").is_some());
     let refused = settle(&mut session, [Command::Save(folder.path().join("a.txt"))]);
     assert!(refused.message.unwrap().contains(".exr"));
+}
+
+/// Nothing is saved over a file that the picture is made from, such as a panorama. A copy may replace the scene.
+#[test]
+fn inputs_are_not_written_over() {
+    let folder = folder();
+    let (scene, panorama, copy) =
+        (folder.path().join("scene.glb"), folder.path().join("panorama.exr"), folder.path().join("copy.exr"));
+    fs::copy(BOX, &scene).unwrap();
+    fs::write(&panorama, "a panorama").unwrap();
+    let mut session = Session::new(gpu(), state_with(&scene, settings(), vec![panorama.clone()]));
+    settle(&mut session, []);
+    let detour = folder.path().join("..").join(folder.path().file_name().unwrap()).join("panorama.exr");
+    for path in [&panorama, &detour] {
+        let refused = settle(&mut session, [Command::Save(path.clone())]).message.unwrap();
+        assert!(refused.contains("is an input, which would be lost"), "{refused}");
+    }
+    assert_eq!(fs::read(&panorama).unwrap(), b"a panorama");
+    let saved = settle(&mut session, [Command::Save(copy)]).message.unwrap();
+    assert!(saved.contains("wrote"), "{saved}");
+    let replace = |file: &Path| Command::SaveCamera { file: file.to_owned(), name: "new".into(), replaces: true };
+    let refused = settle(&mut session, [replace(&panorama)]).message.unwrap();
+    assert!(refused.contains("is an input, which would be lost"), "{refused}");
+    let replaced = settle(&mut session, [replace(&scene)]).message.unwrap();
+    assert!(replaced.contains("camera `new`"), "{replaced}");
 }
 
 /// A lost device is replaced, and the picture has the same bits.

@@ -18,8 +18,8 @@ pub fn folder() -> tempfile::TempDir {
     tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
 }
 
-/// Scenes from files, without options.
-pub struct Files;
+/// Scenes from files, without options, and the other files that a command names.
+pub struct Files(pub Vec<PathBuf>);
 
 impl Source for Files {
     fn load(&self, file: &Path, pose: &Pose) -> Result<Scene> {
@@ -44,7 +44,7 @@ impl Source for Files {
     }
 
     fn files(&self) -> Vec<PathBuf> {
-        Vec::new()
+        self.0.clone()
     }
 
     fn has_panorama(&self) -> bool {
@@ -63,8 +63,14 @@ pub fn choices(settings: Settings) -> Choices {
 }
 
 pub fn state(file: &Path, settings: Settings) -> State {
-    let scene = Files.load(file, &Pose::default()).unwrap();
-    State::new(Arc::new(Files), file.to_owned(), scene, choices(settings))
+    state_with(file, settings, Vec::new())
+}
+
+/// With further files that the command names.
+pub fn state_with(file: &Path, settings: Settings, others: Vec<PathBuf>) -> State {
+    let files = Files(others);
+    let scene = files.load(file, &Pose::default()).unwrap();
+    State::new(Arc::new(files), file.to_owned(), scene, choices(settings))
 }
 
 pub fn session<'g>(gpu: &'g Gpu, file: &Path, settings: Settings) -> Session<'g> {

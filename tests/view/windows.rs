@@ -132,6 +132,30 @@ fn run_copied(command: &str, folder: &Path) -> Screenshot {
     Screenshot::read(&folder.join("picture.png"))
 }
 
+/// A window that is resized while the worker submits samples goes on: wgpu refuses to configure a surface while another
+/// thread submits, and the device would be faulty from then on.
+#[test]
+fn a_window_is_resized_while_it_renders() {
+    let display = Display::start();
+    let options = "--width 320 --height 240 --spp 100000 --denoise none --device software";
+    let mut program = display.run(&format!("view {BOX} {options}"));
+    display.focus();
+    let corner = |screen: &Screenshot, x| screen.part([x, 0], [20, 20]);
+    program.wait("a picture", |screen| corner(screen, 0) != corner(screen, 20));
+    for i in 0..10 {
+        display.resize([700 + 10 * i, 400 - 8 * i]);
+        display.input("sleep 0.1");
+    }
+    // The panel counts samples.
+    let panel = |screen: &Screenshot| screen.part([800 - 270, 0], [260, 240]);
+    let mut last = display.screenshot();
+    for _ in 0..5 {
+        display.input("sleep 1");
+        last = program.wait("more samples", |screen| panel(screen) != panel(&last));
+    }
+    assert_eq!(program.quit(), Some(0));
+}
+
 /// A picture without a size of its own has that of the window.
 #[test]
 fn a_picture_follows_its_window() {

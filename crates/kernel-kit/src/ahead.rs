@@ -88,7 +88,9 @@ impl Gpu {
         let work = || {
             let Ok((device, queue)) = adapter::request(&self.adapter, self.requested) else { return };
             device.on_uncaptured_error(Arc::new(|_| ()));
-            let submit = |commands| drop(queue.submit([commands]));
+            let submit = |commands| {
+                queue.submit([commands]);
+            };
             let mut stage = Stage { device: &device, queue: &queue, submit: &submit, known, textures: Vec::new() };
             let largest = || lock(&left).next_back();
             while let Some(Undispatched { source, entry }) = largest().map(|index| &kernels[index]) {

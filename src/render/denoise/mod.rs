@@ -81,6 +81,9 @@ pub struct Noisy {
     pub half_samples: [u32; 2],
     /// The guides.
     pub guides: Guides,
+    /// Whether a pixel needs no filter: its samples show nothing, or the environment alone, which has no noise. Filters
+    /// would take stars for fireflies, and spread light into pixels without any.
+    pub is_clean: Vec<bool>,
 }
 
 /// The output of a filter.
@@ -217,25 +220,33 @@ impl Denoiser {
     pub(super) fn denoise(&self, gpu: &Gpu, noisy: &Noisy) -> Result<Option<Denoised>> {
         let raw = noisy.all.colour();
         let mut filtered = self.filters.iter().map(|filter| filter.filter(gpu, noisy)).collect::<Result<Vec<_>>>()?;
-        for Filtered { all, halves } in &mut filtered {
-            std::iter::once(all).chain(halves.iter_mut().flatten()).for_each(|image| repair(image, &raw));
+        let halves = noisy.halves.as_ref().map(|halves| halves.each_ref().map(Light::colour));
+        for Filtered { all, halves: filtered } in &mut filtered {
+            repair(all, &raw, &noisy.is_clean);
+            for (image, raw) in filtered.iter_mut().flatten().zip(halves.iter().flatten()) {
+                repair(image, raw, &noisy.is_clean);
+            }
         }
         let Some(Filtered { all, .. }) = filtered.first() else { return Ok(None) };
         let candidates = mixture::candidates(&filtered);
-        let (Some(halves), Some(candidates)) = (&noisy.halves, candidates) else {
+        let (Some(halves), Some(candidates)) = (&halves, candidates) else {
             // Without halves, errors cannot be estimated.
             return Ok(Some(Denoised { colour: all.clone(), error: None }));
         };
-        let halves = halves.each_ref().map(Light::colour);
         let halves = halves.each_ref().map(Vec::as_slice);
         let (size, half_samples) = (noisy.size, noisy.half_samples);
-        let ratios = stratification::ratios(size, &noisy.all.variance(), halves, half_samples);
+        let variance = noisy.all.variance();
+        let ratios = stratification::ratios(size, &variance, halves, half_samples);
         let raw = mixture::Raw { size, all: &raw, halves, half_samples, ratios: &ratios };
-        let mixed = if self.choice == Denoise::Auto {
+        let mut mixed = if self.choice == Denoise::Auto {
             mixture::mix(&raw, &candidates)
         } else {
             mixture::alone(&raw, &candidates[0])
         };
+        // The error of a region is not theirs.
+        for (i, error) in mixed.error.iter_mut().enumerate().filter(|(i, _)| noisy.is_clean[*i]) {
+            *error = (variance[i].iter().sum::<f32>() / 3.0).sqrt();
+        }
         Ok(Some(Denoised { colour: mixed.colour, error: Some(mixed.error) }))
     }
 }
@@ -253,10 +264,11 @@ fn oidn(library: Option<&Path>) -> Result<Box<dyn Filter>> {
     Err(Error::input(library, "library", "cannot be used: Penumbra was built without its Cargo feature `oidn`"))
 }
 
-/// Puts the raw pixel in place of one that is not finite: filters may overflow where the image is very bright.
-fn repair(image: &mut [Colour], raw: &[Colour]) {
-    for (pixel, raw) in image.iter_mut().zip(raw) {
-        if !pixel.iter().all(|x| x.is_finite()) {
+/// Puts the raw pixel in place of a clean one, or of one that is not finite: filters may overflow where the image is very
+/// bright.
+fn repair(image: &mut [Colour], raw: &[Colour], is_clean: &[bool]) {
+    for ((pixel, raw), is_clean) in image.iter_mut().zip(raw).zip(is_clean) {
+        if *is_clean || !pixel.iter().all(|x| x.is_finite()) {
             *pixel = *raw;
         }
     }

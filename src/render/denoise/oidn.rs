@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use kernel_kit::Gpu;
 use libloading::Library;
 
+use super::statistical::typical;
 use super::{Colour, Filter, Filtered, Guides, Noisy, on_all_cores};
 use crate::{Error, Result};
 
@@ -224,9 +225,17 @@ impl Filter for OpenImageDenoise {
             (noisy.half_samples.iter().sum::<u32>() < CLEAN_SAMPLES).then(|| self.denoise_guides(size, guides));
         let filtered = filtered.transpose()?;
         let [albedo, normal] = filtered.as_ref().map_or([&guides.albedo, &guides.normal], |guides| guides.each_ref());
-        let run = |colour: &[Colour]| self.denoise(size, colour, [albedo, normal]);
-        let halves = noisy.halves.as_ref().map(|[a, b]| Ok::<_, Error>([run(&a.colour())?, run(&b.colour())?]));
-        Ok(Filtered { all: run(&noisy.all.colour())?, halves: halves.transpose()? })
+        let raw = noisy.all.colour();
+        // The library takes light far below 1 for black, and returns light that is not there.
+        let unit = typical(&raw);
+        let run = |colour: Vec<Colour>| -> Result<Vec<Colour>> {
+            let scaled = |factor: f32| move |pixel: Colour| pixel.map(|value| value * factor);
+            let colour: Vec<Colour> = colour.into_iter().map(scaled(1.0 / unit)).collect();
+            let filtered = self.denoise(size, &colour, [albedo, normal])?;
+            Ok(filtered.into_iter().map(scaled(unit)).collect())
+        };
+        let halves = noisy.halves.as_ref().map(|[a, b]| Ok::<_, Error>([run(a.colour())?, run(b.colour())?]));
+        Ok(Filtered { all: run(raw)?, halves: halves.transpose()? })
     }
 
     fn seconds_per_pixel(&self, _: &Gpu, runs: u32) -> f64 {

@@ -152,7 +152,7 @@ impl Band {
 
 /// The geometric mean of the positive values, rounded to a power of two, by which images in any unit are scaled to
 /// about 1; 1 if there are no positive values.
-fn typical(colours: &[Colour]) -> f32 {
+pub(super) fn typical(colours: &[Colour]) -> f32 {
     let of_part = |colours: &[Colour]| {
         let positive = colours.iter().flatten().filter(|value| value.is_normal() && **value > 0.0);
         positive.fold((0.0, 0u32), |(sum, count), value| (sum + f64::from(value.log2()), count + 1))

@@ -207,6 +207,11 @@ fn spread<T: Clone + Default>(
 }
 
 impl Sums for Merged<'_> {
+    fn may_have_lens(&self) -> bool {
+        // Pieces do not say.
+        true
+    }
+
     fn sums(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>> {
         let Some(index) = self.whole.quantities.iter().position(|own| *own == quantity) else { return Ok(None) };
         let all = spread(self.whole.size, self.cells, |cell| totals(&self.sums[cell], index));
