@@ -126,10 +126,11 @@ impl Panel {
         (self.texture, self.shown, self.compilation) = (None, None, None);
     }
 
-    /// Lays out the window before the first picture.
-    pub fn wait(&self, ui: &mut Ui) {
+    /// Lays out the window before the first picture. Returns whether the user quits.
+    pub fn wait(&self, ui: &mut Ui) -> bool {
         let text = self.compilation.map_or("preparing the scene".to_owned(), |compilation| compilation.to_string());
         ui.centered_and_justified(|ui| ui.label(text));
+        quits(ui)
     }
 
     /// Lays out the window.
@@ -152,9 +153,7 @@ impl Panel {
 
     /// Keys that stand for the panel's buttons. Text fields take those that they need.
     fn shortcuts(&mut self, ui: &Ui, requests: &mut Vec<Request>) {
-        // With the modifiers of the moment: a slow window hears a key and its release at once.
-        let pressed = |key| ui.input_mut(|input| input.consume_key(Modifiers::COMMAND, key));
-        if pressed(Key::Q) {
+        if quits(ui) {
             requests.push(Request::Quit);
         }
         if ui.ctx().egui_wants_keyboard_input() {
@@ -163,7 +162,7 @@ impl Panel {
         if ui.input(|input| input.events.contains(&egui::Event::Copy)) {
             requests.push(Request::Copy);
         }
-        if pressed(Key::S) {
+        if is_pressed(ui, Key::S) {
             requests.push(self.save());
         }
         if ui.input(|input| input.key_pressed(Key::Escape)) {
@@ -378,6 +377,16 @@ fn movements(ui: &Ui, response: &Response) -> Vec<Command> {
         ui.ctx().request_repaint();
     }
     commands
+}
+
+/// Whether a key is pressed with the command key.
+fn is_pressed(ui: &Ui, key: Key) -> bool {
+    // With the modifiers of the moment: a slow window hears a key and its release at once.
+    ui.input_mut(|input| input.consume_key(Modifiers::COMMAND, key))
+}
+
+fn quits(ui: &Ui) -> bool {
+    is_pressed(ui, Key::Q)
 }
 
 fn status(ui: &mut Ui, snapshot: &Snapshot) {

@@ -83,7 +83,10 @@ struct Application {
 
 impl Application {
     fn end(&mut self, events: &ActiveEventLoop, outcome: Result<()>) {
-        // The thread ends before the window.
+        // The thread ends before the window, which may take it some seconds.
+        if let Some(view) = &self.view {
+            view.window.set_visible(false);
+        }
         self.view = None;
         self.outcome = outcome;
         events.exit();
@@ -232,7 +235,7 @@ impl View {
         let (panel, snapshot) = (&mut self.panel, &self.snapshot);
         let output = self.context.run_ui(input, |ui| match snapshot {
             Some(snapshot) => requests.extend(panel.show(ui, snapshot)),
-            None => panel.wait(ui),
+            None => requests.extend(panel.wait(ui).then_some(Request::Quit)),
         });
         self.egui.handle_platform_output(&self.window, output.platform_output);
         let delay = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();

@@ -157,16 +157,26 @@ fn compilation_is_shown_until_it_is_done() {
     assert!(!window.texts().contains(&said));
     window.panel.compiling(Compilation { done: 4, all: 27 });
     assert!(window.texts().contains(&said));
-    let waiting = |panel: &Panel| {
-        let mut output = window.context.run_ui(RawInput::default(), |ui| panel.wait(ui));
+    let wait = |panel: &Panel, input: RawInput| {
+        let mut quits = false;
+        let mut output = window.context.run_ui(input, |ui| quits |= panel.wait(ui));
         output.textures_delta.clear();
         let nodes = output.platform_output.accesskit_update.unwrap().nodes;
-        nodes.iter().filter_map(|(_, node)| node.value().or(node.label()).map(str::to_owned)).collect::<Vec<_>>()
+        let texts = nodes.iter().filter_map(|(_, node)| node.value().or(node.label()).map(str::to_owned));
+        (texts.collect::<Vec<_>>(), quits)
     };
+    let waiting = |panel: &Panel| wait(panel, RawInput::default()).0;
     let mut panel = Panel::new(false);
     assert!(waiting(&panel).contains(&"preparing the scene".to_owned()));
     panel.compiling(Compilation { done: 4, all: 27 });
     assert!(waiting(&panel).contains(&said));
+    let command = Modifiers::COMMAND;
+    let pressed = |pressed| RawInput {
+        events: vec![Event::ModifiersChanged(command), key(pressed, command)],
+        focused: true,
+        ..RawInput::default()
+    };
+    assert!(wait(&panel, pressed(Key::Q)).1 && !wait(&panel, pressed(Key::S)).1, "Ctrl+Q quits");
     panel.compiling(Compilation { done: 27, all: 27 });
     assert!(waiting(&panel).contains(&"preparing the scene".to_owned()));
     window.panel.compiling(Compilation { done: 27, all: 27 });

@@ -264,8 +264,8 @@ fn oidn(library: Option<&Path>) -> Result<Box<dyn Filter>> {
     Err(Error::input(library, "library", "cannot be used: Penumbra was built without its Cargo feature `oidn`"))
 }
 
-/// Puts the raw pixel in place of a clean one, or of one that is not finite: filters may overflow where the image is very
-/// bright.
+/// Puts the raw pixel in place of a clean one, or of one that is not finite: filters may overflow where the image is
+/// very bright.
 fn repair(image: &mut [Colour], raw: &[Colour], is_clean: &[bool]) {
     for ((pixel, raw), is_clean) in image.iter_mut().zip(raw).zip(is_clean) {
         if *is_clean || !pixel.iter().all(|x| x.is_finite()) {
