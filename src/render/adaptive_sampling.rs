@@ -80,7 +80,7 @@ impl Renderer<'_> {
             && let Some(denoised) = denoiser.denoise(self.gpu, &self.noisy()?)?
             && let Some(error) = denoised.error
         {
-            let pixel = |(colour, error): (_, &f32)| relative_of_error(colour, *error);
+            let pixel = |(colour, error): (_, &f32)| relative(colour, |_| f64::from(*error).powi(2));
             return Ok(denoised.colour.iter().zip(&error).map(pixel).collect());
         }
         self.raw_errors()
@@ -181,12 +181,6 @@ impl Renderer<'_> {
 /// The mean of the relative squares of the channels of a pixel that looks like `colour`.
 fn relative(colour: &Colour, square: impl Fn(usize) -> f64) -> f64 {
     (0..3).map(|c| square(c) / (f64::from(colour[c]).powi(2) + RELMSE_FLOOR)).sum::<f64>() / 3.0
-}
-
-/// The relative square that has this root mean square over the channels, as that of a denoised image.
-fn relative_of_error(colour: &Colour, error: f32) -> f64 {
-    let squares = colour.map(|value| f64::from(value).powi(2) + RELMSE_FLOOR);
-    3.0 * f64::from(error).powi(2) / squares.iter().sum::<f64>()
 }
 
 /// The colours of a pixel by all of its samples and by two halves, from the states of the planes of each part of the

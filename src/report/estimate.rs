@@ -3,15 +3,17 @@
 use super::metrics::RELMSE_FLOOR;
 use crate::render::film::Image;
 
-/// The expected relMSE of the denoised image, by its channel `error`: the root mean square over its three channels.
-/// `None` without it.
+/// The expected relMSE of the denoised image, by its channel `error`. `None` without it.
 pub fn denoised_relmse(image: &Image) -> Option<f64> {
     let error = image.channel("error")?;
-    let mut squares = vec![0.0; image.pixels()];
+    let mut sum = 0.0;
     for name in ["denoised.R", "denoised.G", "denoised.B"] {
-        let channel = image.channel(name)?;
-        squares.iter_mut().zip(channel).for_each(|(sum, x)| *sum += f64::from(*x).powi(2) + RELMSE_FLOOR);
+        sum += relative(image.channel(name)?, error.iter().map(|error| f64::from(*error).powi(2)));
     }
-    let relative = error.iter().zip(&squares).map(|(error, squares)| 3.0 * f64::from(*error).powi(2) / squares);
-    Some(relative.sum::<f64>() / image.pixels() as f64)
+    Some(sum / (3 * image.pixels()) as f64)
+}
+
+/// The sum of squared errors over the squares of a channel, as relMSE has them.
+fn relative(channel: &[f32], squares: impl Iterator<Item = f64>) -> f64 {
+    channel.iter().zip(squares).map(|(x, square)| square / (f64::from(*x).powi(2) + RELMSE_FLOOR)).sum()
 }

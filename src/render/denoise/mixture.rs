@@ -157,8 +157,7 @@ impl Regions {
             let avoided = avoidance * (1.0 - f64::from(raw.ratios[i])) * (noise[i] / 2.0 - lost_a[i] - lost_b[i]);
             let variance = share * own[i];
             let relative = (bias.max(0.0) + variance - avoided.max(0.0)).max(variance / 2.0);
-            // The mean square over the channels, if the relative error is the same in each.
-            (relative * self.scale[i].iter().map(|scale| 1.0 / scale).sum::<f64>() / 3.0).sqrt() as f32
+            (relative / (self.scale[i].iter().sum::<f64>() / 3.0)).sqrt() as f32
         };
         (0..self.scale.len()).into_par_iter().map(pixel).collect()
     }
