@@ -55,14 +55,16 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
     let [albedo, normal, position] = [Quantity::GuideAlbedo, Quantity::GuideNormal, Quantity::GuidePosition]
         .map(|quantity| means(sums, quantity).map(Option::unwrap_or_default));
     let (albedo, normal, position) = (albedo?, normal?, position?);
-    let is_clean = clean(sums, &albedo, &position)?;
     let guides = guides_of(size, [&albedo, &normal, &position]);
 
     let samples = |pixel: usize| sums.samples_of(pixel);
-    let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
+    let (mut all, mut halves, mut coverage) = (Vec::new(), [Vec::new(), Vec::new()], Vec::new());
     let parts = [(Quantity::Direct, Quantity::DirectSquares), (Quantity::Indirect, Quantity::IndirectSquares)];
     for (part, squares) in parts {
         let Some(whole) = sums.sums(part)? else { continue };
+        if part == Quantity::Direct {
+            coverage = whole.par_iter().map(|sum| sum.mean().w).collect();
+        }
         let squares = sums.sums(squares)?;
         if let Some(first) = sums.first_halves(part)? {
             // A pixel without samples in one half does not show its error: it counts as exact.
@@ -90,6 +92,7 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
         |of: usize, means: Vec<Vec<Colour>>| Light { parts: half_parts(means, &all, &|pixel| factor(of, pixel)) };
     let [first, second] = halves;
     let halves = (!first.is_empty()).then(|| [half(0, first), half(1, second)]);
+    let is_clean = clean(&coverage, sums.may_have_lens(), &albedo, &position);
     Ok(Noisy { size, all: Light { parts: all }, halves, half_samples, guides, is_clean })
 }
 
@@ -114,14 +117,12 @@ fn coverage_variances(sums: &dyn Sums, means: &[DVec4]) -> Result<Vec<f64>> {
 
 /// Pixels whose samples show nothing, or the environment alone: without a surface, a lens, or a random choice (w of
 /// `albedo`).
-fn clean(sums: &dyn Sums, albedo: &[DVec4], position: &[DVec4]) -> Result<Vec<bool>> {
-    let direct = means(sums, Quantity::Direct)?.unwrap_or_default();
-    let may_have_lens = sums.may_have_lens();
-    let is_clean = |(i, direct): (usize, &DVec4)| {
+fn clean(coverage: &[f64], may_have_lens: bool, albedo: &[DVec4], position: &[DVec4]) -> Vec<bool> {
+    let is_clean = |(i, coverage): (usize, &f64)| {
         let without_surface = || position.get(i).is_some_and(|p| p.w == 0.0) && albedo[i].w == 0.0;
-        direct.w == 0.0 || !may_have_lens && without_surface()
+        *coverage == 0.0 || !may_have_lens && without_surface()
     };
-    Ok(direct.iter().enumerate().map(is_clean).collect())
+    coverage.iter().enumerate().map(is_clean).collect()
 }
 
 /// The guides by the means of what pass `primary` wrote.
