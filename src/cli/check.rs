@@ -32,24 +32,24 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
 
-    /// Make the new image of this case its baseline, or of all cases; may be given several times
+    /// Make the new image of this case its baseline, or do so for all cases; may be given several times
     #[arg(long, value_name = "NAME|all")]
     bless: Vec<String>,
 
-    /// Compare images of this folder, made by any renderer, instead of rendering: NAME.exr, NAME.png or NAME.hdr
+    /// Instead of rendering, compare the images in this folder, made by any renderer: NAME.exr, NAME.png or NAME.hdr
     #[arg(long, value_name = "DIR", conflicts_with_all = ["twice", "jobs", "device"])]
     images: Option<PathBuf>,
 
-    /// Render each case twice; it fails if the runs differ in a bit
+    /// Render each case twice; a case fails if its two runs differ in any bit
     #[arg(long)]
     twice: bool,
 
-    /// Renders at the same time [default: on a software device one for each processor, if memory has 1 GB for each;
-    /// else 1]
+    /// Number of renders at the same time [default: on a software device one for each processor, or as many as have
+    /// 1 GB of memory each if that is fewer; else 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     jobs: Option<u32>,
 
-    /// The page with baselines, new images and differences
+    /// Page to write, with baselines, new images and differences
     #[arg(long, value_name = "FILE.html", default_value = "check.html")]
     html: PathBuf,
 
@@ -82,7 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     if let (Some(expected), Some(device)) = (&all.device, &device)
         && kind_of(expected) != kind_of(&device.name)
     {
-        let problem = format!("the baselines are of {expected}, and this is {}; choose another device", device.name);
+        let problem = format!("the baselines are of {expected}, not of {}; choose another device", device.name);
         return Err(Error::input(&arguments.cases, "device", problem));
     }
     let is_software = device.as_ref().is_some_and(|device| device.is_software());
@@ -122,7 +122,7 @@ impl Arguments {
         let is_selected = |case: &&Case| self.only.is_empty() || self.only.contains(&case.name);
         let cases: Vec<Case> = all.cases.iter().filter(is_selected).cloned().collect();
         if let Some(case) = cases.iter().find(|case| case.scene.is_none() && self.images.is_none()) {
-            let problem = "has no scene, so that only --images can check it";
+            let problem = "has no scene: only --images can check it";
             return Err(Error::input(&self.cases, format!("case {}", case.name), problem));
         }
         Ok(cases)
@@ -132,7 +132,8 @@ impl Arguments {
     /// fails is no more than a broken case.
     fn render_all(&self, cases: &[Case], is_software: bool) -> Result<Vec<Outcome>> {
         let jobs = self.jobs.map_or_else(|| if is_software { default_jobs() } else { 1 }, |jobs| jobs as usize);
-        let program = env::current_exe().map_err(|problem| Error::Usage(format!("no program to run: {problem}")))?;
+        let unknown = |problem| Error::Usage(format!("the file of this program cannot be found: {problem}"));
+        let program = env::current_exe().map_err(unknown)?;
         let folder = env::temp_dir().join(format!("penumbra-check-{}", process::id()));
         fs::create_dir_all(&folder).map_err(|problem| Error::output(&folder, problem))?;
         let next = AtomicUsize::new(0);
@@ -174,10 +175,10 @@ impl Arguments {
             let limit = case.limits.seconds;
             let ended = run_within(command.arg(&file), Duration::from_secs_f64(limit));
             let Some(Ended { status, stderr }) = ended.map_err(|problem| problem.to_string())? else {
-                return Err(format!("took longer than {limit} s, its limit `seconds`, and was ended"));
+                return Err(format!("took longer than its limit `seconds`, {limit} s, and was stopped"));
             };
             if !status.success() {
-                let last = stderr.lines().last().unwrap_or("it said nothing");
+                let last = stderr.lines().last().unwrap_or("it failed without a message");
                 return Err(last.trim_start_matches("penumbra: error: ").to_owned());
             }
             let image = Image::read(&file).map_err(|problem| problem.to_string())?;
@@ -226,7 +227,7 @@ impl Arguments {
 fn compare(case: &Case, folder: &Path, cases: &Path) -> Outcome {
     let files = ["exr", "png", "hdr"].map(|extension| folder.join(format!("{}.{extension}", case.name)));
     let Some(file) = files.iter().find(|file| file.exists()) else {
-        let problem = format!("there is no {}, nor .png or .hdr", files[0].display());
+        let problem = format!("there is no {}, .png or .hdr", files[0].display());
         return Outcome::broken(case, String::new(), 0.0, problem);
     };
     match Image::read(file) {

@@ -44,7 +44,7 @@ pub struct Arguments {
     oidn: OidnOptions,
 
     /// Techniques to compare, separated by commas; +statistical, +oidn or +auto after a name compares its denoised
-    /// images, as in path,path+auto: see --denoise of `penumbra render`. auto takes a technique for each budget, as
+    /// images, as in path,path+auto: see --denoise of `penumbra render`. auto selects a technique for each budget, as
     /// `penumbra render --time` does, and is compared with the best of the others
     #[arg(
         long,
@@ -56,8 +56,8 @@ pub struct Arguments {
     )]
     techniques: Vec<Entrant>,
 
-    /// Seconds of run time at which images are compared, separated by commas; set-up and denoiser count, opening the
-    /// device and reading the file do not
+    /// Seconds of run time at which images are compared, separated by commas; they include set-up and denoising, but
+    /// not opening the device and reading the file
     #[arg(
         long,
         value_name = "LIST",
@@ -68,13 +68,13 @@ pub struct Arguments {
     )]
     budgets: Vec<f64>,
 
-    /// Runs of each entrant, with consecutive seeds from --seed on: at least 3, as confidence intervals come from
+    /// Runs of each entrant, with consecutive seeds from --seed on: at least 3, because confidence intervals come from
     /// their differences. Each run lasts as long as the longest budget [default: 5, or as few as 3 where the report
     /// would take more than 3 minutes]
     #[arg(long, value_name = "N", help_heading = "Report")]
     repeats: Option<usize>,
 
-    /// Range of a setting to sweep, photons or nearest, such as photons=1e3..1e6; may be given several times
+    /// Setting to sweep, photons or nearest, and its range, as in photons=1e3..1e6; may be given several times
     #[arg(long, value_name = "RANGE", help_heading = "Report")]
     sweep: Vec<sweep::Range>,
 
@@ -82,15 +82,15 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", help_heading = "Reference")]
     reference: Option<PathBuf>,
 
-    /// Standard error at which the path-traced reference is good enough, over its mean radiance
+    /// Standard error, over the mean radiance, at which the path-traced reference is good enough
     #[arg(long, value_name = "X", default_value_t = 0.01, value_parser = positive, help_heading = "Reference")]
     reference_error: f64,
 
-    /// Maximum time for the path-traced reference in seconds; it is then used with the error that it has
+    /// Maximum time for the path-traced reference in seconds; after that it is used with the error that it has
     #[arg(long, value_name = "SECONDS", default_value_t = 600.0, value_parser = positive, help_heading = "Reference")]
     reference_time: f64,
 
-    /// Folder that keeps references, also unfinished ones [default: the user's cache folder]
+    /// Folder that keeps references, including unfinished ones [default: the user's cache folder]
     #[arg(long, value_name = "DIR", help_heading = "Reference")]
     cache: Option<PathBuf>,
 
@@ -155,7 +155,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         return end.map(|_| arguments.nothing());
     }
     if whole < schedule.repeats {
-        arguments.tell(format!("the report is of {whole} of {} runs", schedule.repeats));
+        arguments.tell(format!("the report covers {whole} of {} runs", schedule.repeats));
     }
     let measured = started.elapsed();
     let sweeps = bench.sweeps(&reference, truth.as_ref(), &stop, &mut end);
@@ -221,17 +221,17 @@ impl Schedule {
     fn announce(&self, arguments: &Arguments) {
         let Schedule { longest, round, repeats, .. } = *self;
         let is_anew = self.entrants.iter().any(|entrant| entrant.is_automatic());
-        let anew = if is_anew { ", those of auto one for each budget" } else { "" };
+        let anew = if is_anew { " (auto renders anew for each budget)" } else { "" };
         let length = |repeats: usize| duration(repeats as f64 * round);
         arguments.tell(format!(
-            "{} runs of {longest} s{anew}: {}, and before that the reference where there is none, and a first run of \
-             each technique",
+            "{} runs of {longest} s{anew}: {}, preceded by a first run of each technique, and by the reference if \
+             there is none yet",
             self.entrants.len() * repeats,
             length(repeats)
         ));
         if arguments.repeats.is_none() && repeats < REPEATS {
             arguments.tell(format!(
-                "{repeats} runs of each technique instead of {REPEATS}, whose intervals would be narrower: \
+                "{repeats} runs of each technique instead of {REPEATS}, which would give narrower intervals: \
                  --repeats {REPEATS} takes {}",
                 length(REPEATS)
             ));
@@ -519,6 +519,6 @@ impl Arguments {
         self.cache
             .clone()
             .or_else(cache::folder)
-            .ok_or_else(|| Error::Usage("the user has no cache folder: --cache names one".into()))
+            .ok_or_else(|| Error::Usage("this user has no cache folder: name one with --cache".into()))
     }
 }

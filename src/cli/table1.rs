@@ -30,7 +30,7 @@ pub struct Arguments {
     #[arg(long, value_name = "SAMPLES", help_heading = "Image")]
     spp: Option<u32>,
 
-    /// Count photons whatever their normals, as the paper does
+    /// Count photons regardless of their normals, as the paper does
     #[arg(long, help_heading = "Visibility map")]
     paper_counting: bool,
 

@@ -52,7 +52,7 @@ pub(super) fn budgets_too_short(late: &[LateEntrant]) -> Error {
     let (more, seconds) = order(soonest);
     Error::Usage(format!(
         "`budgets` are too short: no technique has an image at one of them in all its runs; the soonest is {}, but {}: \
-         give {} {:.2} s",
+         set one of {} {:.2} s",
         soonest.entrant,
         soonest.reason(),
         if more { "more than" } else { "at least" },
@@ -75,7 +75,7 @@ pub(super) fn advice(
     }
     let late: Vec<String> = late.iter().map(|late| format!("{} ({})", late.entrant, late.reason())).collect();
     if !late.is_empty() {
-        let _ = write!(text, " Left out, as no budget has an image of each run: {}.", late.join(", "));
+        let _ = write!(text, " Left out, because no budget has an image of every run: {}.", late.join(", "));
     }
     if let Some(reason) = map_left_out {
         let _ = write!(text, " The visibility map is left out of this scene ({reason})");
@@ -103,7 +103,7 @@ fn limit_of_reference(entrants: &[MeasuredEntrant], reference: &Reference) -> Op
     let floor = number(round_up(reference.floor()?));
     let better = if reference.is_short() { "longer `reference_time`" } else { "smaller `reference_error`" };
     Some(format!(
-        " {subject} as small as the reference can resolve, whose own relMSE is up to {floor}: use a {better}."
+        " {subject} as small as the reference, whose own relMSE is up to {floor}, can resolve: use a {better}."
     ))
 }
 
@@ -144,7 +144,7 @@ fn best(entrants: &[MeasuredEntrant]) -> String {
     if low > 1.0 {
         let fastest = best.entrant();
         let mut text =
-            format!("Use {fastest}: it {found}, {value:.2} times faster than {other} ({low:.2} to {high:.2}).");
+            format!("Use {fastest}: it {found}, {value:.2} times as fast as {other} ({low:.2} to {high:.2}).");
         if nearest.entrant() != fastest && is_closer(nearest, best) {
             let (nearest, reaches) = (nearest.entrant(), reaches(nearest, round_up(min_error)));
             let _ = write!(text, " For a smaller error use {nearest}: it {reaches}.");

@@ -71,7 +71,7 @@ impl ErrorParts<'_> {
             Some(_) if self.bias_falls() => (FindingKind::FallingBias, "; the bias falls with time"),
             _ if !self.is_denoised => (FindingKind::Bias, ""),
             Some(_) => (FindingKind::Bias, "; the bias does not clearly fall from the first to the last budget"),
-            None => (FindingKind::Bias, "; one budget does not tell whether the bias falls with time"),
+            None => (FindingKind::Bias, "; a single budget does not show whether the bias falls with time"),
         }
     }
 }
@@ -101,13 +101,13 @@ pub(super) fn finding(parts: &ErrorParts<'_>, brightness: &Interval) -> Finding 
     // The share of what is not the reference's error.
     let share = |part: f64| if part > 0.0 { part / (bias + noise) } else { 0.0 };
     if !brightness.holds(0.0) && brightness.value.abs() >= BRIGHTNESS {
-        let (word, sign) = if brightness.value > 0.0 { ("strong", 1.0) } else { ("weak", -1.0) };
+        let (word, sign) = if brightness.value > 0.0 { ("bright", 1.0) } else { ("dark", -1.0) };
         let mut ends = [sign * brightness.low, sign * brightness.high];
         ends.sort_by(f64::total_cmp);
         let [low, high] = ends.map(percent);
         let (kind, trend) = parts.trend();
         let value = percent(brightness.value.abs());
-        let text = format!("biased: its light is too {word} by {value} ({low} to {high}){trend}");
+        let text = format!("biased: the image is too {word} by {value} ({low} to {high}){trend}");
         return Finding { kind, text };
     }
     // The error that all runs share includes the reference's error. A few bright pixels can dominate that error, and
@@ -118,9 +118,9 @@ pub(super) fn finding(parts: &ErrorParts<'_>, brightness: &Interval) -> Finding 
         return Finding { kind: FindingKind::Reference, text };
     }
     if parts.bias.low > 0.0 && share(bias) >= BIAS_SHARE && !unclear {
-        let part = if floor.is_some() { "" } else { ", unless it is the reference's error, which is not known" };
+        let part = if floor.is_some() { "" } else { ", unless it is the error of the reference, which is not known" };
         let (kind, trend) = parts.trend();
-        let stays = if trend.is_empty() { "stays however long it renders" } else { "is the same in every run" };
+        let stays = if trend.is_empty() { "stays however long the render takes" } else { "is the same in every run" };
         let text = format!("biased: {} of the error {stays}{part}{trend}", percent(share(bias)));
         return Finding { kind, text };
     }

@@ -77,7 +77,7 @@ impl FromStr for Range {
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let form = || {
             let names = Swept::ALL.map(Swept::name).join(" or ");
-            format!("a range of {names} is expected, like photons=1e3..1e6")
+            format!("it must be a range of {names}, as in photons=1e3..1e6")
         };
         let (name, values) = text.split_once('=').ok_or_else(form)?;
         let (from, to) = values.split_once("..").ok_or_else(form)?;

@@ -229,7 +229,7 @@ impl Comparison {
             grouped(shadow.statistics.photons.iter().map(count).sum())
         };
         format!(
-            "{}: {width} x {height} pixels, {} spp ({spp} without paths), k {nearest}; of {} photons emitted {} \
+            "{}: {width} x {height} pixels, {} spp ({spp} without paths), k {nearest}; {} photons emitted, {} \
              illumination and {} shadow photons stored (the paper: {})",
             self.scene.title,
             path.statistics.settings.image.spp,
@@ -306,9 +306,9 @@ const COLUMNS: [&str; 11] = [
 /// Notes on how to read the tables, one sentence each.
 pub fn notes(options: &Options) -> Vec<&'static str> {
     vec![
-        "Time: BVH, photons and all samples of one run; kernels were compiled before.",
+        "Time: BVH, photons and all samples of one run; kernels were compiled beforehand.",
         "Reduction: 1 - shadow rays over those of two-pass.",
-        "relMSE: against path, of all light and of direct light. For path itself: its own noise, by \
+        "relMSE: against path, for all light and for direct light. For path itself: its own noise, estimated from \
          its samples; the other numbers contain that noise too.",
         if options.paper_counting {
             "Photons are counted regardless of their normals, as in the paper."

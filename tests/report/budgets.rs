@@ -82,7 +82,7 @@ fn late_techniques_are_named_with_a_sufficient_budget() {
     let advice = report(&subject, &runs).unwrap().advice;
     assert!(
         advice.contains(
-            "Left out, as no budget has an image of each run: photon-map (its first image takes up to 7.62 s)."
+            "Left out, because no budget has an image of every run: photon-map (its first image takes up to 7.62 s)."
         ),
         "{advice}"
     );

@@ -119,8 +119,13 @@ fn a_bias_that_falls_is_told_from_one_that_stays() {
     let cases = [
         (Denoise::Statistical, &falling[..], FindingKind::FallingBias, "the same in every run; the bias falls"),
         (Denoise::Statistical, &staying, FindingKind::Bias, "the same in every run; the bias does not clearly fall"),
-        (Denoise::Statistical, &falling[..1], FindingKind::Bias, "one budget does not tell whether the bias falls"),
-        (Denoise::None, &staying, FindingKind::Bias, "of the error stays however long it renders"),
+        (
+            Denoise::Statistical,
+            &falling[..1],
+            FindingKind::Bias,
+            "a single budget does not show whether the bias falls",
+        ),
+        (Denoise::None, &staying, FindingKind::Bias, "of the error stays however long the render takes"),
         (Denoise::Statistical, &[wrong(0.0), wrong(0.0)], FindingKind::Noise, "differs from run to run"),
     ];
     for (denoise, wrong, kind, words) in cases {

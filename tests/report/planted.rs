@@ -115,7 +115,7 @@ fn planted_bias_and_noise_are_named() {
     assert_eq!(plain.finding.kind, FindingKind::Noise, "{}", plain.finding.text);
     let strong = of(Technique::TWO_PASS);
     assert_eq!(strong.finding.kind, FindingKind::Bias);
-    assert!(strong.finding.text.contains("its light is too strong by "), "{}", strong.finding.text);
+    assert!(strong.finding.text.contains("the image is too bright by "), "{}", strong.finding.text);
     // The tolerance is twice the half width of the interval at this number of samples.
     assert!((strong.brightness.value - 0.02).abs() < 0.002, "{:?}", strong.brightness);
     let noisy = of(Technique::SHADOW_PHOTONS);

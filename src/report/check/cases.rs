@@ -158,7 +158,8 @@ impl Cases {
             let refuse = |problem: String| Error::input(path, format!("case {name}"), problem);
             let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
             if name.is_empty() || name.starts_with('.') || !name.chars().all(plain) {
-                return Err(refuse("a name has letters, digits, '-', '_' and '.', and does not begin with '.'".into()));
+                let problem = "a name must consist of letters, digits, '-', '_' and '.', and must not begin with '.'";
+                return Err(refuse(problem.into()));
             }
             if !names.insert(name.clone()) {
                 return Err(refuse("two cases have this name".into()));
@@ -168,10 +169,10 @@ impl Cases {
             let limits = own.over(limits);
             let is_share = |x: f64| (0.0..=1.0).contains(&x);
             if !(limits.relmse >= 0.0 && is_share(limits.flip) && is_share(limits.changed)) {
-                return Err(refuse("limits are 0 or more; flip and changed are at most 1".into()));
+                return Err(refuse("limits must be 0 or more; flip and changed must be at most 1".into()));
             }
             if Duration::try_from_secs_f64(limits.seconds).is_err() || limits.seconds == 0.0 {
-                return Err(refuse("the limit seconds is more than 0".into()));
+                return Err(refuse("the limit seconds must be more than 0".into()));
             }
             cases.push(Case {
                 scene: scene.map(|scene| folder.join(scene)),
@@ -214,10 +215,13 @@ fn flags(table: &Table) -> std::result::Result<Vec<String>, String> {
                 let values: Option<Vec<String>> = values.iter().map(text).collect();
                 flags.push(format!(
                     "--{name}={}",
-                    values.ok_or(format!("render.{name} is no list of texts"))?.join(",")
+                    values.ok_or(format!("render.{name} is not a list of strings and numbers"))?.join(",")
                 ));
             }
-            value => flags.push(format!("--{name}={}", text(value).ok_or(format!("render.{name} is no flag"))?)),
+            value => {
+                let problem = || format!("render.{name} must be a string, a number, a boolean or a list");
+                flags.push(format!("--{name}={}", text(value).ok_or_else(problem)?));
+            }
         }
     }
     Ok(flags)
@@ -276,14 +280,14 @@ mod tests {
             ("", "CASES.toml: file: has no cases"),
             ("width = 3\n", "CASES.toml: line 1: unknown field `width`"),
             ("\n[[case]]\nscene = 1\n", "CASES.toml: line 3: invalid type: integer"),
-            ("[[case]]\nname = \"a/b\"", "case a/b: a name has letters"),
+            ("[[case]]\nname = \"a/b\"", "case a/b: a name must consist of letters"),
             ("[[case]]\nname = \"a\"\n[[case]]\nname = \"a\"", "case a: two cases have this name"),
             ("[[case]]\nname = \"a\"\nrender = { output = \"b\" }", "case a: render.output cannot be set"),
-            ("[[case]]\nname = \"a\"\nrender = { crop = [[1]] }", "case a: render.crop is no list"),
-            ("[[case]]\nname = \"a\"\nlimits = { flip = 2.0 }", "case a: limits are 0 or more"),
-            ("[[case]]\nname = \"a\"\nlimits = { relmse = nan }", "case a: limits are 0 or more"),
-            ("[[case]]\nname = \"a\"\nlimits = { seconds = 0.0 }", "case a: the limit seconds is more than 0"),
-            ("[[case]]\nname = \"a\"\nlimits = { seconds = inf }", "case a: the limit seconds is more than 0"),
+            ("[[case]]\nname = \"a\"\nrender = { crop = [[1]] }", "case a: render.crop is not a list"),
+            ("[[case]]\nname = \"a\"\nlimits = { flip = 2.0 }", "case a: limits must be 0 or more"),
+            ("[[case]]\nname = \"a\"\nlimits = { relmse = nan }", "case a: limits must be 0 or more"),
+            ("[[case]]\nname = \"a\"\nlimits = { seconds = 0.0 }", "case a: the limit seconds must be more than 0"),
+            ("[[case]]\nname = \"a\"\nlimits = { seconds = inf }", "case a: the limit seconds must be more than 0"),
         ] {
             let error = Cases::parse(text, Path::new("CASES.toml")).unwrap_err().to_string();
             assert!(error.contains(expected), "{text:?}: {error}");

@@ -71,7 +71,7 @@ impl Outcome {
             let kinds = [device_kind(&image), device_kind(&baseline)];
             let comparison = match kinds {
                 [Some(own), Some(other)] if own != other => {
-                    Err(format!("the baseline is of the device {other}, and this is {own}"))
+                    Err(format!("the baseline is of the device {other}, but the image is of {own}"))
                 }
                 _ => in_format_of(case, &image)
                     .and_then(|image| Comparison::new(&image, &baseline, &case.limits))
@@ -113,7 +113,7 @@ impl Outcome {
         let own = device_kind(image)?;
         let of_baseline = self.baseline.as_ref().and_then(device_kind);
         let other = device.map(kind_of).or(of_baseline).filter(|other| *other != own)?;
-        Some(format!("the baselines are of the device {other}, and this is {own}"))
+        Some(format!("the baselines are of the device {other}, but the image is of {own}"))
     }
 
     /// The image as a baseline: colours, and the device.

@@ -99,10 +99,10 @@ fn measures(outcome: &Outcome, comparison: &Comparison) -> String {
         format!("{} %", 100.0 * limits.changed),
         changed > limits.changed,
     );
-    row("pixels that differ in a bit", different.to_string(), String::new(), false);
+    row("pixels that differ in any bit", different.to_string(), String::new(), false);
     match outcome.unlike {
-        Some(pixels) => row("pixels of which two runs differ in a bit", pixels.to_string(), "0".into(), pixels > 0),
-        None => row("pixels of which two runs differ in a bit", "one run".into(), "0".into(), false),
+        Some(pixels) => row("pixels that differ between two runs", pixels.to_string(), "0".into(), pixels > 0),
+        None => row("pixels that differ between two runs", "one run".into(), "0".into(), false),
     }
     format!("<table><thead><tr><th></th><th>measured</th><th>limit</th></tr></thead><tbody>\n{rows}</tbody></table>\n")
 }

@@ -136,7 +136,7 @@ fill(
   ["setting", "value", "decided by", "relMSE", "shadow rays", "reduction", "all rays over two-pass", "time over two-pass", "fill seen", "miss bias"],
   report.sweeps.flatMap(({ setting, points }) =>
     points.flatMap((p) =>
-      [["photons alone", p.photons_alone], ["fine cells, too", p.fine_cells]].map(([name, s]) => [
+      [["photons alone", p.photons_alone], ["with fine cells", p.fine_cells]].map(([name, s]) => [
         setting, p.value, name, digits(s.relmse), s.shadow_rays.toLocaleString("en"), percent(s.reduction), digits(s.rays), digits(s.time), percent(s.fill_seen), interval(s.miss_bias),
       ]),
     ),
