@@ -31,7 +31,7 @@ pub struct Arguments {
     #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite::<f32>, help_heading = "Output")]
     exposure: f32,
 
-    /// Remove noise
+    /// Denoiser for the picture
     #[arg(long, value_name = "DENOISER", value_parser = denoisers(), default_value = "auto", help_heading = "Output")]
     denoise: Denoise,
 

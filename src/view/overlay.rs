@@ -73,7 +73,7 @@ impl Overlay {
                 "fine cells bright, those of the map dark: yellow lit, blue shadowed, red boundary, grey unknown, \
                  black none"
             }
-            Overlay::Samples => "black none, white most samples of a pixel",
+            Overlay::Samples => "black none, white the maximum of all pixels",
             Overlay::Error => "black 0.1 % of the brightness, red 3 %, white 100 %",
             Overlay::Albedo => "base colour",
             Overlay::Normal => "red +X, green +Y, blue +Z",

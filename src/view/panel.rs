@@ -288,13 +288,13 @@ impl Panel {
                 command(Command::Aperture(self.f_number));
             }
         }
-        if ui.button("frame all").on_hover_text("Home").clicked() {
+        if ui.button("frame all").on_hover_text("Home: shows the whole scene").clicked() {
             command(Command::FrameAll);
         }
     }
 
     fn output(&mut self, ui: &mut Ui, requests: &mut Vec<Request>) {
-        if ui.button("copy command").on_hover_text("Ctrl+C: the `penumbra render` line of this picture").clicked() {
+        if ui.button("copy command").on_hover_text("Ctrl+C: the `penumbra render` command of this picture").clicked() {
             requests.push(Request::Copy);
         }
         if let Some(copied) = &self.copied {
@@ -302,7 +302,7 @@ impl Panel {
         }
         ui.horizontal(|ui| {
             ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(150.0));
-            if ui.button("save").on_hover_text("Ctrl+S: as .png or .exr").clicked() {
+            if ui.button("save").on_hover_text("Ctrl+S: saves the picture as .png or .exr").clicked() {
                 requests.push(self.save());
             }
         });
@@ -320,11 +320,11 @@ impl Panel {
             });
         }
         ui.horizontal(|ui| {
-            if ui.button("save camera").on_hover_text("in a copy of the scene").clicked() {
+            if ui.button("save camera").on_hover_text("writes the camera into a copy of the scene").clicked() {
                 let (file, name, replaces) = (file.trim().into(), name.clone(), *replaces);
                 requests.push(Request::Command(Command::SaveCamera { file, name, replaces }));
             }
-            ui.checkbox(replaces, "replace").on_hover_text("a file that is there already");
+            ui.checkbox(replaces, "replace").on_hover_text("overwrite the file if it exists");
         });
     }
 }
@@ -489,14 +489,14 @@ fn what_is_there(ui: &mut Ui, picked: &Picked) {
         ui.label(format!("radiance {r:.4}, {g:.4}, {b:.4}"));
     }
     if picked.lights.is_empty() {
-        ui.small("classes of the lights: with the overlay classes");
+        ui.small("for the classes of the lights, show the overlay classes");
     }
     match &picked.nearest {
         Some(nearest) => {
             let [n_i, n_s] = nearest.counts();
-            ui.label(format!("nearest photons of the light shown: n_i {n_i}, n_s {n_s}"));
+            ui.label(format!("nearest photons of the selected light: n_i {n_i}, n_s {n_s}"));
         }
-        None => _ = ui.small("nearest photons: with the overlays photons and cells"),
+        None => _ = ui.small("for the nearest photons, show the overlay photons or cells"),
     }
     for light in &picked.lights {
         let [n_i, n_s] = light.photons;

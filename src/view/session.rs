@@ -437,7 +437,7 @@ impl State {
         });
         let shown = path.display();
         match is_input {
-            true => Err(Error::Usage(format!("{shown} is an input, which would be lost: choose another name"))),
+            true => Err(Error::Usage(format!("{shown} is an input, which would be overwritten: choose another name"))),
             false => Ok(()),
         }
     }
@@ -449,7 +449,7 @@ impl State {
         if file.exists() && !replaces {
             let same = |file: &Path| file.canonicalize().ok();
             let is_open = if same(file) == same(self.shown_file()) { "is the open file" } else { "exists" };
-            return Err(Error::Usage(format!("{shown} {is_open}: tick `replace` to write over it")));
+            return Err(Error::Usage(format!("{shown} {is_open}: tick `replace` to overwrite it")));
         }
         self.check_kept(file, Some(self.shown_file()))?;
         let kind = |file: &Path| file.extension().map(|extension| extension.to_ascii_lowercase());

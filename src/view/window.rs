@@ -395,6 +395,6 @@ fn painter(gpu: &Gpu, format: wgpu::TextureFormat) -> egui_wgpu::Renderer {
 fn format(surface: &wgpu::Surface<'_>, gpu: &Gpu) -> Result<wgpu::TextureFormat> {
     let formats = gpu.surface_formats(surface);
     let format = formats.iter().find(|format| !format.is_srgb()).or(formats.first());
-    let problem = || Error::NoDevice(format!("{} cannot show a window; choose another device", gpu.info.name));
+    let problem = || Error::NoDevice(format!("{} cannot display in a window; choose another device", gpu.info.name));
     format.copied().ok_or_else(problem)
 }

@@ -500,14 +500,14 @@ fn inputs_are_not_written_over() {
     let detour = folder.path().join("..").join(folder.path().file_name().unwrap()).join("panorama.exr");
     for path in [&panorama, &detour] {
         let refused = settle(&mut session, [Command::Save(path.clone())]).message.unwrap();
-        assert!(refused.contains("is an input, which would be lost"), "{refused}");
+        assert!(refused.contains("is an input, which would be overwritten"), "{refused}");
     }
     assert_eq!(fs::read(&panorama).unwrap(), b"a panorama");
     let saved = settle(&mut session, [Command::Save(copy)]).message.unwrap();
     assert!(saved.contains("wrote"), "{saved}");
     let replace = |file: &Path| Command::SaveCamera { file: file.to_owned(), name: "new".into(), replaces: true };
     let refused = settle(&mut session, [replace(&panorama)]).message.unwrap();
-    assert!(refused.contains("is an input, which would be lost"), "{refused}");
+    assert!(refused.contains("is an input, which would be overwritten"), "{refused}");
     let replaced = settle(&mut session, [replace(&scene)]).message.unwrap();
     assert!(replaced.contains("camera `new`"), "{replaced}");
 }
