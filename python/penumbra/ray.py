@@ -81,18 +81,19 @@ def render(
     progress: Callable[[Rendered, int], object] | None = None,
     **settings: Any,
 ) -> list[Rendered]:
-    """Renders a scene to `output`, .exr or .png, on a cluster, and returns what each piece took.
+    """Renders a scene to `output`, .exr or .png, on a cluster, and returns a `Rendered` for each piece.
 
-    `ranges` cuts the samples into as many ranges, and `tiles` the image into columns and rows; an image that is cut
-    needs `width` and `height`. `frames` renders an animation: frame N is the scene N / fps seconds after its beginning,
-    and `{frame}` in `output` stands for N. `settings` are keywords of `Scene.render`, `scene` those of `Scene.load`.
+    `ranges` cuts the samples into this many ranges, and `tiles` the image into columns and rows; tiles need `width` and
+    `height`. `frames` renders an animation: frame N shows the scene N / fps seconds after its beginning, and `{frame}`
+    in `output` stands for N. `settings` are keywords of `Scene.render`, `scene` those of `Scene.load`.
 
-    Workers open `path`, and so must see it by that name; with `send=True` they get the file and those that it names.
-    A piece whose worker dies is rendered again, up to `retries` times. `options` are Ray's for each piece, such as
-    {"num_gpus": 1}; without, each takes one CPU. `progress` is called with each piece that is done, and the number of
-    all; if it raises, or Ctrl-C is pressed, what is under way is cancelled, and frames that are complete are there.
+    Workers open `path`, so each must have the file there; `send=True` sends them the file and those that it names.
+    A piece whose worker dies is rendered again, up to `retries` times. `options` are Ray's options for each piece, such
+    as {"num_gpus": 1}; by default a piece takes one CPU. `progress` is called with each piece that is done and the
+    number of all pieces; if it raises, or Ctrl-C is pressed, unfinished pieces are cancelled, and complete frames are
+    kept.
 
-    Without a cluster in sight `ray.init()` starts one on this machine.
+    If Ray is not connected to a cluster, `ray.init()` connects to one, or starts one on this machine.
     """
     output = os.fspath(output)
     numbers: list[int | None] = [None] if frames is None else list(frames)
@@ -205,17 +206,19 @@ def _cuts(
     """The cuts of an image: ranges of samples, and tiles."""
     columns, rows = tiles
     if not (1 <= ranges <= spp and columns >= 1 and rows >= 1):
-        raise penumbra.Error(f"ranges is {ranges}; it must be from 1 to spp, {spp}, and there must be tiles")
+        raise penumbra.Error(
+            f"ranges is {ranges}, tiles is {tiles}; ranges must be from 1 to spp, {spp}, and tiles at least (1, 1)"
+        )
     if (ranges, columns, rows) == (1, 1, 1):
         yield None, None
         return
     if "crop" in settings or "samples" in settings:
-        raise penumbra.Error("crop and samples are what ranges and tiles cut")
+        raise penumbra.Error("crop and samples cannot be set: tiles and ranges set them for each piece")
     crops: list[tuple[int, int, int, int] | None] = [None]
     if (columns, rows) != (1, 1):
         width, height = settings.get("width"), settings.get("height")
         if width is None or height is None or columns > width or rows > height:
-            raise penumbra.Error("tiles need width and height, and a pixel each")
+            raise penumbra.Error("tiles need width and height, and at least one pixel each")
         xs, ys = _edges(width, columns), _edges(height, rows)
         crops = [(x, y, right - x, bottom - y) for y, bottom in ys for x, right in xs]
     for samples in _edges(spp, ranges):
@@ -267,7 +270,7 @@ def _unpack(sent: _Sent) -> tuple[str, str | None]:
         for name, data in sent.files.items():
             target = (folder / urllib.parse.unquote(name)).resolve()
             if not target.is_relative_to(folder):
-                raise penumbra.Error(f"{name} is outside the folder of the scene: it cannot be sent")
+                raise penumbra.Error(f"{name} is outside the folder of the scene, so it cannot be sent")
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(data)
     return str(folder / sent.scene), sent.environment and str(folder / sent.environment)

@@ -34,8 +34,8 @@ static PROCESS: OnceLock<u32> = OnceLock::new();
 pub fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
     if *PROCESS.get_or_init(process::id) != process::id() {
         return Err(error(
-            "this process was forked from one that has used penumbra, whose threads and devices it lacks: start \
-             processes by multiprocessing.set_start_method('spawn')",
+            "this process was forked from one that had used penumbra, and lacks its threads and devices: call \
+             multiprocessing.set_start_method('spawn') before starting processes",
         ));
     }
     Ok(py.detach(work))
@@ -58,7 +58,7 @@ impl<'a> Turn<'a> {
     /// Waits for the renders of other threads.
     pub fn take(device: &'a Shared) -> penumbra::Result<Turn<'a>> {
         if RENDERS.get() {
-            let problem = "the progress callback of a render cannot use a device: return from it first";
+            let problem = "a progress callback cannot use a device: its render holds one until the callback returns";
             return Err(penumbra::Error::Usage(problem.into()));
         }
         let guard = lock(device);

@@ -9,7 +9,7 @@ pyo3::create_exception!(
     penumbra,
     Error,
     PyException,
-    "What went wrong, and where.\n\n`result` has what a render that failed had finished, or None."
+    "What went wrong, and where.\n\n`result` has what a failed render had finished, or None."
 );
 pyo3::create_exception!(
     penumbra,

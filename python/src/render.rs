@@ -35,7 +35,7 @@ pub struct Limits {
     pub is_open: bool,
 }
 
-/// How far a render is.
+/// How far a render has come.
 #[pyclass(frozen, get_all, module = "penumbra")]
 pub struct Progress {
     /// Samples per pixel so far.
@@ -78,7 +78,9 @@ pub fn run(py: Python<'_>, mut job: Job) -> PyResult<RenderResult> {
     }
     job.settings.check().map_err(of_library)?;
     if job.settings.image.piece.is_some() && job.limits.seconds.is_some() {
-        return Err(error("time cannot be with samples: how many samples a pixel gets would depend on chance"));
+        return Err(error(
+            "time cannot be combined with samples: how many samples a pixel gets would depend on chance",
+        ));
     }
     let budget = |seconds| match Duration::try_from_secs_f64(seconds) {
         Ok(time) if !time.is_zero() => Ok(time),

@@ -12,7 +12,7 @@ use crate::arrays;
 use crate::device::{Turn, choice, detached, open};
 use crate::error::{error, of_library};
 
-/// What a render gives, or an image file.
+/// The result of a render, or an image that was read from a file.
 #[pyclass(frozen, name = "Result", module = "penumbra")]
 pub struct RenderResult {
     rendered: Image,
@@ -94,20 +94,20 @@ impl RenderResult {
         self.aovs(py)?.bind(py).get_item("denoised")
     }
 
-    /// The statistics of the program's --stats, as a dict; empty for files.
+    /// The statistics, as a dict with the keys of `penumbra render --stats`; empty for an image from a file.
     #[getter]
     fn statistics(&self, py: Python<'_>) -> Py<PyDict> {
         self.statistics.clone_ref(py)
     }
 
-    /// Samples per pixel, of the pixels that have most; 0 for files that do not tell.
+    /// Samples per pixel, of the pixels that have the most; 0 for files that do not say.
     #[getter]
     fn samples(&self) -> u32 {
         self.samples
     }
 
-    /// Writes the image: .exr with all channels, or .png with one view of it, that of the denoised image if there is
-    /// one.
+    /// Writes the image: as .exr with all channels, or as .png tone-mapped by a view; a .png shows the denoised image
+    /// if there is one.
     #[pyo3(signature = (path, *, view = "neutral", exposure = 0.0))]
     fn save(&self, py: Python<'_>, path: PathBuf, view: &str, exposure: f32) -> PyResult<()> {
         let view: View = view.parse().map_err(of_library)?;
@@ -119,7 +119,8 @@ impl RenderResult {
         detached(py, write)?.map_err(of_library)
     }
 
-    /// A PNG of the image, tone-mapped by a view (neutral, agx, standard or raw), with `exposure` in stops.
+    /// A PNG of the image, or of the denoised image if there is one, tone-mapped by a view (neutral, agx, standard or
+    /// raw), with `exposure` in stops.
     #[pyo3(signature = (*, view = "neutral", exposure = 0.0))]
     fn png<'py>(&self, py: Python<'py>, view: &str, exposure: f32) -> PyResult<Bound<'py, PyBytes>> {
         Ok(PyBytes::new(py, &self.encode(py, view, exposure)?))
@@ -150,9 +151,10 @@ pub fn read(py: Python<'_>, path: PathBuf) -> PyResult<RenderResult> {
     Ok(RenderResult::of_image(py, image))
 }
 
-/// Puts pieces together, the .exr files of renders with `samples`, in any order: for every cut, the bits are those of
-/// one piece with all samples. Missing samples are an error, or with `partial` left out. `denoise` removes noise, from
-/// pieces of renders with `denoise`, on `device`.
+/// Merges pieces, the .exr files of renders with `samples`, in any order. However an image was cut, the result has the
+/// bits of a single piece with all samples. Missing samples are an error, unless `partial` is true: then each pixel is
+/// the mean of the samples it has. `denoise` removes noise on `device`; the pieces must have been rendered with
+/// `denoise` too.
 #[pyfunction]
 #[pyo3(signature = (pieces, *, partial = false, denoise = None, oidn_library = None, device = None))]
 pub fn merge(
@@ -169,7 +171,7 @@ pub fn merge(
         let files = Pieces::open(&pieces)?;
         match files.missing().first() {
             Some(missing) if !partial => {
-                let problem = format!("{missing} are in no piece; partial=True gives what is there");
+                let problem = format!("{missing} are in no piece; partial=True gives the image without them");
                 Err(penumbra::Error::input(&pieces[0], "pieces", problem))
             }
             _ if denoise == Denoise::None => files.merge(),

@@ -17,7 +17,7 @@ use crate::result::RenderResult;
 
 /// A scene of a glTF file.
 ///
-/// A scene does not change: `at` gives that of another moment, and `load` one with another environment.
+/// A scene does not change: `at` returns the scene at another moment, and `load` reads it with another environment.
 #[pyclass(frozen, module = "penumbra")]
 pub struct Scene {
     file: File,
@@ -58,9 +58,9 @@ impl File {
 impl Scene {
     /// Reads a .gltf or .glb file.
     ///
-    /// `at` shows an animation so many seconds after its beginning: the first of the file, or `animation` (a name or an
-    /// index), which begins again after its end with `loop`. `variant` names a variant of the materials.
-    /// `environment` is a panorama around the scene, .exr or .hdr, turned by `environment_rotation` degrees and
+    /// `at` shows an animation this many seconds after its beginning: the first of the file, or `animation` (a name or
+    /// an index); with `loop` it begins again after its end. `variant` names a variant of the materials.
+    /// `environment` is a panorama around the scene, .exr or .hdr, rotated by `environment_rotation` degrees and
     /// multiplied by `environment_strength`. `default_light` adds a light where the file has none, and `lenient` drops
     /// what is damaged instead of refusing the file.
     #[staticmethod]
@@ -107,11 +107,11 @@ impl Scene {
     /// Renders the scene.
     ///
     /// The keywords are the flags of the program `penumbra render`, and None stands for their defaults: 512 pixels
-    /// high, 16 samples per pixel, technique "shadow-photons", seed 0. `samples` makes a piece of the image for
-    /// `merge`: the samples from the first number up to the second. `progress` is called with a `Progress` after each
-    /// batch of samples; if it returns False, the render ends with the samples so far. Ctrl-C ends it after the batch
-    /// that is under way, with `Interrupted`, a KeyboardInterrupt whose `result` has the samples so far. Other threads
-    /// of Python go on meanwhile.
+    /// high, 16 samples per pixel, technique "shadow-photons", seed 0, no denoiser. `samples` makes a piece of the
+    /// image for `merge`: the samples from the first number up to, but not including, the second. `progress` is called
+    /// with a `Progress` after each batch of samples; if it returns False, the render ends with the samples so far.
+    /// Ctrl-C ends the render after the current batch and raises `Interrupted`, a KeyboardInterrupt whose `result` has
+    /// the samples so far. Other Python threads run meanwhile.
     #[pyo3(
         signature = (**keywords),
         text_signature = "($self, *, width=None, height=None, spp=None, samples=None, technique=None, \
@@ -149,31 +149,31 @@ impl Scene {
         render::run(py, Job { scene, camera, settings, limits, oidn_library, device, progress, import: self.import })
     }
 
-    /// The names of its cameras, in the order of their indices.
+    /// The names of the scene's cameras, in the order of their indices.
     #[getter]
     fn cameras(&self) -> Vec<&str> {
         self.scene.cameras.iter().map(|camera| camera.name.as_str()).collect()
     }
 
-    /// The names of its lights.
+    /// The names of the scene's lights.
     #[getter]
     fn lights(&self) -> Vec<&str> {
         self.scene.lights.iter().map(|light| light.name.as_str()).collect()
     }
 
-    /// The number of its triangles.
+    /// The number of the scene's triangles.
     #[getter]
     fn triangles(&self) -> usize {
         self.scene.triangles.len()
     }
 
-    /// What of the file is not rendered, a line each.
+    /// Notes on what of the file is not rendered, one line each.
     #[getter]
     fn notes(&self) -> Vec<String> {
         self.scene.notes.clone()
     }
 
-    /// The file.
+    /// The path of the scene's file.
     #[getter]
     fn path(&self) -> PathBuf {
         self.file.path.clone()
@@ -211,10 +211,10 @@ impl Scene {
     fn select(&self, wanted: Option<&str>, direction: Option<[f32; 2]>, aspect: f32) -> PyResult<Camera> {
         let cameras = &self.scene.cameras;
         match (wanted, direction) {
-            (Some(_), Some(_)) => Err(error("camera and direction contradict each other")),
+            (Some(_), Some(_)) => Err(error("camera and direction cannot be combined: each of them selects the view")),
             (None, Some([azimuth, elevation])) => match azimuth.is_finite() && elevation.abs() <= 90.0 {
                 true => Ok(self.scene.frame(&Framing { azimuth, elevation, aspect, ..Framing::default() })),
-                false => Err(error("direction must be azimuth and elevation in degrees, the second from -90 to 90")),
+                false => Err(error("direction must be azimuth and elevation in degrees, the elevation from -90 to 90")),
             },
             (None, None) => {
                 let frame = || self.scene.frame(&Framing { aspect, ..Framing::default() });
@@ -226,7 +226,7 @@ impl Scene {
                 camera.cloned().ok_or_else(|| {
                     let names = self.cameras();
                     let names = if names.is_empty() { "none".into() } else { names.join(", ") };
-                    error(&format!("no camera is called '{wanted}' or has that index; there is: {names}"))
+                    error(&format!("no camera is called '{wanted}' or has that index; available: {names}"))
                 })
             }
         }

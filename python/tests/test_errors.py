@@ -37,11 +37,11 @@ def test_errors_of_files_are_the_librarys(tmp_path):
         ({"camera": 99}, "no camera is called '99'"),
         ({"crop": (0, 0, 9999, 1)}, "^crop is 9999 x 1 pixels"),
         ({"time": -1.0}, "^time is -1; "),
-        ({"time": 1.0, "samples": (0, 8)}, "^time cannot be with samples"),
+        ({"time": 1.0, "samples": (0, 8)}, "^time cannot be combined with samples"),
         ({"focus": 1.0}, "need aperture"),
-        ({"aperture": 0.0}, "^aperture: an f-number is"),
-        ({"aperture": 2.0, "focus": -1.0}, "^aperture: a distance of focus is"),
-        ({"aperture": 2.0, "iris_blades": 2}, "^aperture: an iris has"),
+        ({"aperture": 0.0}, "^aperture: an f-number must be"),
+        ({"aperture": 2.0, "focus": -1.0}, "^aperture: a focus distance must be"),
+        ({"aperture": 2.0, "iris_blades": 2}, "^aperture: an iris must have"),
         ({"background": "sky"}, "^background is 'sky'"),
         ({"device": "no such device"}, "no such device"),
     ],
@@ -73,7 +73,7 @@ def test_every_keyword_of_the_signature_is_known(box):
 
 
 def test_animations_are_refused_where_there_is_none(box):
-    with pytest.raises(penumbra.Error, match="^the scene has no animation, so at means nothing$"):
+    with pytest.raises(penumbra.Error, match="^the scene has no animation, so at has no meaning$"):
         box.at(1.0)
 
 

@@ -77,7 +77,7 @@ def test_a_slurm_array_renders_and_merges(scenes, device, tmp_path):
         ("--ranges 9 --spp 4 x.glb y.exr", "from 1 to 4"),
         ("--tiles 2x2 x.glb y.exr --width 8", "--width and --height"),
         ("--tiles 2 x.glb y.exr --width 8 --height 8", "columns and rows"),
-        ("--tiles 9x2 x.glb y.exr --width=8 --height=8", "a pixel of 8 x 8"),
+        ("--tiles 9x2 x.glb y.exr --width=8 --height=8", "than pixels in 8 x 8"),
         ("--ranges 2 x.glb y.exr --crop 0,0,4,4", "cut the image"),
         ("x.glb y.exr --samples=0..4", "cut the image"),
     ]:
