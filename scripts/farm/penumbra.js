@@ -11,12 +11,12 @@ const JOB_TYPE = {
             description: "The image, .exr or .png; {frame} in its name stands for the number of a frame",
         },
         { key: "frames", type: "string", default: "", description: "Frames, such as 0-99; empty for a single image" },
-        { key: "fps", type: "float", default: 24, description: "Frames of a second of the animation" },
-        { key: "chunk_size", type: "int32", default: 8, description: "Frames of a task; they share kernels" },
+        { key: "fps", type: "float", default: 24, description: "Frames per second of the animation" },
+        { key: "chunk_size", type: "int32", default: 8, description: "Frames per task; the frames of a task share kernels" },
         { key: "spp", type: "int32", default: 64, description: "Samples per pixel" },
         {
             key: "ranges", type: "int32", default: 1,
-            description: "Ranges that the samples of a single image are cut into; then merged to an .exr",
+            description: "Ranges that the samples of a single image are cut into; a last task merges them",
         },
         { key: "columns", type: "int32", default: 1, description: "Columns of tiles that a single image is cut into" },
         {
@@ -32,10 +32,10 @@ function compileJob(job) {
     const settings = job.settings;
     const pieces = settings.ranges * settings.columns * settings.rows;
     if (!(Math.min(settings.ranges, settings.columns, settings.rows) >= 1)) {
-        throw "ranges, columns and rows are at least 1";
+        throw "ranges, columns and rows must be at least 1";
     }
     if (settings.frames && pieces > 1) {
-        throw "pieces are of a single image: leave frames empty, or let ranges, columns and rows be 1";
+        throw "only a single image can be cut into pieces: leave frames empty, or set ranges, columns and rows to 1";
     }
     if (settings.ranges > settings.spp) {
         throw "there cannot be more ranges than samples";
@@ -117,7 +117,7 @@ function tiles(settings) {
     const width = size(settings, "--width");
     const height = size(settings, "--height");
     if (!(settings.columns <= width && settings.rows <= height)) {
-        throw "tiles need --width and --height among the flags, and a pixel each";
+        throw "tiles need --width and --height among the flags, and at least one pixel each";
     }
     const crops = [];
     for (let y of spans(height, settings.rows)) {

@@ -326,7 +326,10 @@ fn a_missing_cargo_comes_by_rustups_installer_where_there_is_no_package() {
 
     let machine = machine_without_cargo("offline");
     machine.stub("curl", "exit 6");
-    assert_refused(&machine.run(&["cargo", "build"], &[]), "cargo cannot be installed: https://rustup.rs");
+    assert_refused(
+        &machine.run(&["cargo", "build"], &[]),
+        "cargo cannot be installed; install it from https://rustup.rs",
+    );
 }
 
 #[test]
@@ -373,7 +376,7 @@ fn what_cannot_be_installed_is_an_error() {
     let machine = Machine::new("no-sudo");
     machine.manager("apt-get", INSTALL);
     machine.stub("id", "echo 1000");
-    assert_refused(&machine.run(&["cargo", "test"], &[]), "as root: apt-get");
+    assert_refused(&machine.run(&["cargo", "test"], &[]), "no sudo: as root, install ");
     assert_eq!(machine.log(), "");
 
     let machine = Machine::new("failing");
