@@ -77,7 +77,7 @@ pub enum Error {
         problem: String,
     },
     /// A buffer that the device cannot hold.
-    #[error("buffer {buffer}: {needed} bytes are needed, the device allows {limit}; {remedy}")]
+    #[error("buffer {buffer}: {needed} bytes are needed, but the device allows {limit}; {remedy}")]
     Buffer {
         /// The buffer's label.
         buffer: String,

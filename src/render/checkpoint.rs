@@ -101,7 +101,7 @@ impl Checkpoint {
     pub fn from_bytes(bytes: &[u8], path: impl AsRef<Path>) -> Result<Checkpoint> {
         let refuse = |problem: &str| Error::input(&path, "file", problem);
         let damaged = || refuse("is damaged");
-        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| refuse("is no checkpoint in this format"))?;
+        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| refuse("is not a checkpoint in this format"))?;
         let (stated, followers) = rest.split_first_chunk::<DIGEST>().ok_or_else(damaged)?;
         let (length, rest) = followers.split_first_chunk().ok_or_else(damaged)?;
         let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| damaged())?;

@@ -65,8 +65,8 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
         name: "devices_lost",
         count: lost,
         text: format!(
-            "the device was lost {lost} times, and the render resumed from the state in memory: if it happens again, \
-             look for a driver that resets or is short of memory"
+            "the device was lost (times: {lost}), and the render resumed from the state in memory: if it happens \
+             again, look for a driver that resets or is short of memory"
         ),
     });
     warnings.retain(|warning| warning.count > 0);
@@ -81,20 +81,20 @@ fn number_warnings(totals: &Totals) -> Vec<Warning> {
     // The samples of rays that exceeded the loop budget are invalid, and count as not finite.
     let advice = match overruns {
         0 => "look for extreme lights, colours or sizes in the scene",
-        _ => "those of rays whose traversal was cut short are among them",
+        _ => "they include those of rays whose traversal was cut short",
     };
     vec![
         Warning {
             name: "not_finite",
             count: left_out.max(not_finite.total()),
-            text: format!("{left_out} samples are not finite and left out of the image{by_pass}: {advice}"),
+            text: format!("{left_out} samples are not finite and are left out of the image{by_pass}: {advice}"),
         },
         Warning {
             name: "near_overflow",
             count: near_overflow,
             text: format!(
-                "sums of pixels came near the largest number there is, {near_overflow} times: dim the lights with \
-                 `light_scale`"
+                "sums of pixels came close to the largest number that they can hold, {near_overflow} times: dim the \
+                 lights with `light_scale`"
             ),
         },
     ]
@@ -112,7 +112,7 @@ fn unknown_warning(totals: &Totals, settings: &Settings) -> Option<Warning> {
             false => "the map has no room for more",
         };
         let text =
-            format!("{percent:.0} % of the points have too few photons near to tell light from shadow: {advice}");
+            format!("{percent:.0} % of the points have too few photons nearby to tell light from shadow: {advice}");
         Warning { name: "unknown", count, text }
     })
 }
@@ -166,7 +166,7 @@ fn procedural_warnings(totals: &Totals) -> Vec<Warning> {
             name: "procedural_invalid",
             count: invalid,
             text: format!(
-                "{invalid} answers of procedural objects are not finite or have no normal, and their rays passed \
+                "{invalid} results of procedural objects are not finite or have no normal, and their rays passed \
                  through: look for divisions by zero and roots of negative numbers in their functions"
             ),
         },

@@ -34,7 +34,7 @@ impl Renderer<'_> {
             return Err(Error::setting("image.denoise", "is none: the film keeps nothing for denoisers"));
         }
         if self.settings.image.piece.is_some() {
-            let problem = "is for merged pieces: a piece has samples of its own alone";
+            let problem = "is for merged pieces: a single piece lacks the samples of the others";
             return Err(Error::setting("image.denoise", problem));
         }
         let Crop { width, height, .. } = self.settings.image.part();

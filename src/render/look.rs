@@ -41,10 +41,10 @@ impl Renderer<'_> {
 
     fn begin_view(&mut self, camera: &Camera, [width, height]: [u32; 2], is_glance: bool) -> Result<()> {
         if self.settings.image.piece.is_some() {
-            return Err(Error::setting("image.piece", "is for a single view: a piece looks at nothing else"));
+            return Err(Error::setting("image.piece", "must not be set: a piece cannot render another view"));
         }
         if camera.lens.is_some() != self.camera.lens.is_some() {
-            let problem = "a renderer stays with a pinhole or with a lens: another camera needs another renderer";
+            let problem = "a renderer cannot switch between a pinhole and a lens: make another renderer";
             return Err(Error::Usage(problem.into()));
         }
         let photons = self.lighting.visibility_map.is_some().then(|| self.settings.photons_per_light());

@@ -39,10 +39,14 @@ pub(super) fn notes(
     // Rounding per light removes a few rays. Only a lack of device memory leaves less than half.
     if indirect.emitted > 0 && indirect.emitted <= wanted / 2 {
         let emitted = indirect.emitted;
-        notes.push(format!("the photons of {emitted} rays fill the device's largest buffer: not {wanted} carry flux"));
+        notes.push(format!(
+            "the photons of {emitted} rays fill the device's largest buffer: the global map has no room for those of \
+             {wanted}"
+        ));
     }
     if indirect.cut > 0 {
-        notes.push(format!("{} photons carry more flux than they can hold: indirect light is too dark", indirect.cut));
+        let cut = indirect.cut;
+        notes.push(format!("the flux of {cut} photons exceeds what they can store: indirect light is too dark"));
     }
     notes
 }

@@ -33,8 +33,8 @@ impl TileSize {
         let part = settings.image.part();
         if most < part.width {
             let problem = format!(
-                "with {lights} lights a row of pixels has room for {most} at most, not {}; set `image.crop` to less of \
-                 the image, or `light_sampling.strategy` or `shadow_rays.samples` to less of the lights",
+                "with {lights} lights the buffers hold a row of at most {most} pixels, not {}; choose a \
+                 narrower `image.crop`, fewer `shadow_rays.samples`, or a `light_sampling.strategy` of a few lights",
                 part.width
             );
             return Err(Error::Usage(problem));

@@ -32,7 +32,7 @@ impl Renderer<'_> {
         if problem_of_all.is_some() {
             self.with_photons = None;
         }
-        let reason = problem_of_all.unwrap_or("few samples fit the time");
+        let reason = problem_of_all.unwrap_or("few samples fit in the time");
         self.specialisation.explain(Feature::VisibilityMap, reason);
         Ok(())
     }
@@ -93,7 +93,7 @@ impl Renderer<'_> {
             return self.make_photons();
         }
         if samples > 1 && self.with_photons.take().is_some() {
-            self.specialisation.explain(Feature::VisibilityMap, "photons did not pay in the first samples");
+            self.specialisation.explain(Feature::VisibilityMap, "photons did not pay off in the first samples");
         }
         Ok(())
     }

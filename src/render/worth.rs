@@ -42,7 +42,7 @@ pub(super) fn problem_of_photons(totals: &Totals, samples: u32, spp: u32) -> Opt
     let spp = spp.saturating_sub(samples - 1);
     let traced = totals.get(Counter::ShadowRays) as f64;
     if traced / f64::from(samples) * f64::from(spp) < SHADOW_RAYS_OF_MAP || spp < SAMPLES_OF_MAP {
-        return Some("few shadow rays are to be traced");
+        return Some("few shadow rays remain to be traced");
     }
     let of_penumbrae = totals.get(Counter::PenumbraRays) as f64;
     (of_penumbrae >= MAX_PENUMBRAE * traced).then_some("many points are in penumbrae")
@@ -75,7 +75,7 @@ pub(super) fn of_first_sample(
     if !is_on_trial(&specialisation, settings) {
         return (specialisation, None);
     }
-    let reason = "the first sample is to tell how many points are in penumbrae";
+    let reason = "the first sample will show how many points are in penumbrae";
     (without_photons(&specialisation, scene, camera, settings, reason), Some(specialisation))
 }
 

@@ -51,10 +51,11 @@ pub(super) fn pose(root: &Json, accessors: &[Accessor], options: &ImportOptions,
     let animations = read(root, accessors)?;
     let Some(seconds) = options.time else {
         if !animations.is_empty() {
-            let count = animations.len();
-            notes.push(format!(
-                "{count} animations are not played: the scene is in the pose of the file without `time`"
-            ));
+            let are = match animations.len() {
+                1 => "the animation is".to_owned(),
+                count => format!("{count} animations are"),
+            };
+            notes.push(format!("{are} not played: without `time` the scene has the pose of the file"));
         }
         let end = find(&animations, options).map(Animation::end).transpose()?;
         return Ok(Posed { document: None, end });
@@ -104,9 +105,9 @@ fn select<'s, 'r, 'a>(animations: &'s [Animation<'r, 'a>], options: &ImportOptio
         match &options.animation {
             Some(wanted) if !names.is_empty() => {
                 let names = names.join(", ");
-                Error::Usage(format!("no animation is called '{wanted}' or has that index; there is: {names}"))
+                Error::Usage(format!("no animation is called '{wanted}' or has that index; available: {names}"))
             }
-            _ => Error::Usage("the scene has no animation, so `time` means nothing".into()),
+            _ => Error::Usage("the scene has no animation, so `time` has no meaning".into()),
         }
     })
 }

@@ -119,7 +119,7 @@ impl Scene {
         let has_light = geometry.emits() || document.has_punctual_light() || panorama.is_some();
         let default_light = options.default_light && !has_light;
         if default_light && geometry.add_default_light(document.nodes.len(), &mut scene.materials) {
-            notes.push("no light in the file: a soft one is added above and before the scene");
+            notes.push("no light in the file: a soft one is added above and in front of the scene");
         }
         scene.normalisation = geometry.normalisation();
         procedural::place(procedurals, &mut scene)?;
@@ -402,10 +402,10 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, default_light: bool, n
     };
     note(
         skipped.partly_morphed,
-        "primitives have morph targets of attributes that they lack or that are not supported, which stay",
+        "primitives have morph targets for attributes that they lack or that are not supported: these do not change",
     );
-    note(skipped.uneven, "primitives have weights of joints whose sum is not 1: they are divided by it");
-    note(skipped.without_coordinates, "primitives lack coordinates of their textures, which are read at 0, 0");
+    note(skipped.uneven, "primitives have joint weights whose sum is not 1: they are divided by the sum");
+    note(skipped.without_coordinates, "primitives lack coordinates for their textures, which are read at 0, 0");
     note(skipped.points_and_lines, "primitives are points or lines and are left out");
     note(skipped.without_positions, "primitives have no positions and are left out");
     note(skipped.not_finite, "primitives have numbers that are not finite and are left out");
@@ -414,7 +414,7 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, default_light: bool, n
     }
     if scene.lights.is_empty() {
         let rest = match default_light {
-            true => ", and nothing that one would light",
+            true => ", and `default_light` adds none because nothing would be lit",
             false => ": `default_light` adds one",
         };
         notes.push(format!("{NO_LIGHT_NOTE}{rest}"));

@@ -71,7 +71,7 @@ impl<'a> ImageLight<'a> {
             Some(rotation) => {
                 let quaternion = DQuat::from_array(rotation.numbers()?);
                 if !(quaternion.length() > 0.0 && quaternion.length().is_finite()) {
-                    return Err(rotation.error("is no rotation: its length must be above 0"));
+                    return Err(rotation.error("is not a rotation: its length must be above 0"));
                 }
                 quaternion.normalize()
             }

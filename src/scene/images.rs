@@ -277,7 +277,7 @@ pub(super) fn decode_textures(
         let smallest = 1u64 << levels.iter().max().expect("some are reduced");
         notes.push(format!(
             "the images of textures have {total} texels in total, more than {MAX_TEXELS}: {reduced} of {} are reduced, \
-             to 1/{smallest} of their width and height at most",
+             by a factor of up to {smallest} in width and height",
             used.len()
         ));
     }

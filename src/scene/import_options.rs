@@ -13,7 +13,7 @@
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
-    /// Add a soft area light above and before the scene (+Z) if the file has no light.
+    /// Add a soft area light above and in front of the scene (+Z) if the file has no light.
     pub default_light: bool,
     /// Skip primitives with NaN or infinite numbers, and textures whose image is missing or damaged, and read textures
     /// at 0, 0 where a primitive lacks coordinates, instead of refusing the file. Each leaves a note. A surface without

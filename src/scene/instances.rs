@@ -65,7 +65,8 @@ impl Scene {
         let triangles = first.triangles.start + self.instances.iter().map(copied).sum::<usize>();
         if triangles > MAX_CORNERS / 3 {
             return Err(Error::Usage(format!(
-                "{purpose} needs each of {triangles} triangles by itself, more than {}: use another technique",
+                "{purpose} needs a copy of the triangles of every instance, {triangles} in all, more than {}: use \
+                 another technique",
                 MAX_CORNERS / 3
             )));
         }

@@ -17,7 +17,7 @@ pub(super) fn parse(text: &[u8]) -> std::result::Result<Value, String> {
         return Err("begins with a byte order mark, which glTF forbids: save it as UTF-8 without one".into());
     }
     if !text.trim_ascii_start().starts_with(b"{") {
-        return Err("no glTF: JSON in UTF-8 is expected, which begins with {".into());
+        return Err("not glTF: JSON in UTF-8 is expected, which begins with {".into());
     }
     if values(text) > MAX_VALUES {
         return Err(format!("has more than {MAX_VALUES} JSON values"));

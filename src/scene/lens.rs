@@ -40,15 +40,15 @@ impl Scene {
     pub fn open_iris(&self, camera: &mut Camera, iris: Iris, focus: Focus) -> Result<(), String> {
         let is_positive = |x: f64| x.is_finite() && x > 0.0;
         if !is_positive(iris.f_number) {
-            return Err(format!("an f-number is a finite number, more than 0, not {}", iris.f_number));
+            return Err(format!("an f-number must be a finite number, more than 0, not {}", iris.f_number));
         }
         if let Focus::Distance(metres) = focus
             && !is_positive(metres)
         {
-            return Err(format!("a distance of focus is a finite number, more than 0, not {metres}"));
+            return Err(format!("a focus distance must be a finite number, more than 0, not {metres}"));
         }
         if iris.blades != 0 && !(3..=MAX_BLADES).contains(&iris.blades) {
-            return Err(format!("an iris has no blades or from 3 to {MAX_BLADES}, not {}", iris.blades));
+            return Err(format!("an iris must have no blades or from 3 to {MAX_BLADES}, not {}", iris.blades));
         }
         let Projection::Perspective { yfov, .. } = camera.projection else {
             return Err(format!("camera `{}` is orthographic, which has no iris", camera.name));

@@ -195,7 +195,7 @@ impl Punctual {
             }
             (Kind::Directional, Some(direction)) => LightKind::Directional { direction, irradiance: strength },
             (_, None) => {
-                notes.push(format!("light `{name}` has no direction, its node is scaled to nothing: it is left out"));
+                notes.push(format!("light `{name}` is left out: its node has a scale of zero, so it has no direction"));
                 return Ok(None);
             }
         };

@@ -71,7 +71,7 @@ pub(super) fn read<'r, 'a>(
         for json in list.items()? {
             let count = json.list_len("targets")?;
             if *targets.get_or_insert(count) != count {
-                return Err(json.error("has another number of morph targets than the first primitive"));
+                return Err(json.error("has a different number of morph targets from the first primitive"));
             }
             primitives.extend(reader.primitive(&json)?);
         }

@@ -91,7 +91,7 @@ impl Property {
     /// What is wrong with the pointer.
     pub fn find(document: &Value, pointer: &str) -> Result<Option<Property>, String> {
         if !pointer.is_empty() && !pointer.starts_with('/') {
-            return Err(format!("`{pointer}` is no JSON pointer: it must begin with /"));
+            return Err(format!("`{pointer}` is not a JSON pointer: it must begin with /"));
         }
         let parts: Vec<&str> = pointer.split('/').skip(1).collect();
         let (values, range) = match parts[..] {

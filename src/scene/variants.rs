@@ -29,12 +29,12 @@ impl Variants {
         let chosen = match wanted {
             Some(wanted) => {
                 let index = names.iter().position(|name| *name == wanted);
-                let problem = || Error::Usage(format!("no variant is called '{wanted}'; there is: {listed}"));
+                let problem = || Error::Usage(format!("no variant is called '{wanted}'; available: {listed}"));
                 Some(index.ok_or_else(problem)?)
             }
             None => {
                 if !names.is_empty() {
-                    notes.push(format!("no variant of the materials is chosen; there is: {listed}"));
+                    notes.push(format!("no variant of the materials is selected; available: {listed}"));
                 }
                 None
             }

@@ -32,7 +32,7 @@ impl Specialisation {
         let bounces = on && reflected;
         let why = "points where a ray may hit a light".to_owned();
         let unneeded = if on { "paths carry indirect light too" } else { "nothing is traced" };
-        let cost = "a look at every point and light, and a queue of points";
+        let cost = "a test of every point and light, and a queue of points";
         self.decide(Feature::Highlights, on && !reflected, why, unneeded, cost);
         self.of_global_map(settings, lit, bounces);
         self.of_caustics(settings, m, lit, bounces);

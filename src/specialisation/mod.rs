@@ -81,7 +81,7 @@ impl Specialisation {
         let cost = "a read of the fine cells at every point";
         self.decide(Feature::ShownCells, false, String::new(), "no window shows them", cost);
         let hides = scene.environment().is_some() && !shown;
-        let unneeded = if shown { "what is behind the scene is seen" } else { "there is none" };
+        let unneeded = if shown { "what is behind the scene is shown" } else { "the scene has no environment" };
         self.decide(Feature::HiddenEnvironment, hides, "another background is shown".into(), unneeded, "nothing");
         let denoise = settings.image.denoise;
         // The guides; of direct and of indirect light the squares and two snapshots.

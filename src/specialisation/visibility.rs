@@ -114,9 +114,9 @@ impl Specialisation {
         } else if settings.visibility_map.audit == 0.0 || settings.visibility_map.paper_counting {
             "the method of the paper alone is requested"
         } else if !settings.visibility_map.fine_cells {
-            "photons alone are to decide"
+            "photons alone must decide"
         } else if settings.image.piece.is_some() {
-            "the samples of a piece learn nothing from others"
+            "the samples of a piece learn nothing from other samples"
         } else {
             "there is one sample per pixel, and none to learn from"
         };
@@ -159,7 +159,7 @@ impl Specialisation {
         let too_many = format!("beyond {MAX_LIGHTS} lights their cells would be too large to tell anything");
         let unneeded = if many && settings.technique.uses_light_buffers() { &too_many } else { &unused };
         let why = "lists of the surfaces around each light tell what may hide it".to_owned();
-        let cost = "pass light_buffer; before the first sample a look at each light and triangle";
+        let cost = "pass light_buffer; a test of each light and triangle before the first sample";
         self.decide(Feature::LightBuffer, buffered, why, unneeded, cost);
 
         let why = format!("lights are tested until the rest is below {} of a point's light", settings.ward.tolerance);

@@ -129,7 +129,7 @@ impl Totals {
             kernel: "bvh".to_owned(),
             problem: format!(
                 "{overruns} of {samples} samples met more geometry than the device's loop budget of 65,535 iterations \
-                 allows; the image would be wrong. Remove overlapping layers, set fewer `indirect.max_bounces`, or \
+                 allows; the image would be wrong. Remove overlapping layers, reduce `indirect.max_bounces`, or \
                  choose another device"
             ),
         })

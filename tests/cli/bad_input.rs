@@ -90,7 +90,7 @@ fn images_that_are_missing_and_variants_that_do_not_exist() {
     assert_refused(folder.path(), &scene, &["/images/0/uri", "not there.png", "--lenient"]);
     let lenient = run("plan --lenient", &[&scene]);
     let text = &lenient.assert_done().stdout;
-    assert!(text.contains("image `not there.png` is left out") && text.contains("there is: red, blue"), "{text}");
+    assert!(text.contains("image `not there.png` is left out") && text.contains("available: red, blue"), "{text}");
     let text = run("plan --lenient --variant blue", &[&scene]);
     assert!(!text.assert_done().stdout.contains("variant"), "{text:?}");
     run("plan --lenient --variant pink", &[&scene]).assert_refused(2, &["'pink'", "red, blue"]);

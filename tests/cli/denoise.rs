@@ -148,7 +148,7 @@ fn a_library_that_fails_between_samples_loses_none() {
     // Without an estimate all pixels get 8 samples.
     render("--spp 8 --technique path", None, &[&raw]).assert_done();
     let raw = Image::read(&raw).unwrap();
-    for (cfg, words) in [("filter", "out of patience"), ("no_filter", "it gave no filter, and no reason")] {
+    for (cfg, words) in [("filter", "out of patience"), ("no_filter", "it made no filter, and gave no reason")] {
         let library = folder.path().join(format!("{cfg}.so"));
         let mut compiler = Command::new("rustc");
         compiler.args(["--crate-type", "cdylib", "--cfg", cfg, "-o"]).arg(&library).arg(&source);

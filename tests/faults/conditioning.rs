@@ -293,7 +293,7 @@ fn failing_procedural_objects_are_counted() {
         &said,
         "procedural_invalid",
         found.procedural_invalid,
-        "answers of procedural objects",
+        "results of procedural objects",
     );
     let (found, ..) = render(with("return length(position) - parameters.x;"), &settings(Technique::SHADOW_PHOTONS));
     assert_eq!((found.procedural_overruns, found.procedural_invalid), (0, 0));

@@ -189,9 +189,9 @@ fn lenses_have_the_size_of_their_f_number() {
     let iris = |f_number: f64, blades: u32| Iris { f_number, blades };
     for f_number in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let problem = scene.open_iris(&mut camera, iris(f_number, 0), Focus::Auto).unwrap_err();
-        assert!(problem.contains("an f-number is"), "{problem}");
+        assert!(problem.contains("an f-number must be"), "{problem}");
         let problem = scene.open_iris(&mut camera, iris(4.0, 0), Focus::Distance(f_number)).unwrap_err();
-        assert!(problem.contains("a distance of focus is"), "{problem}");
+        assert!(problem.contains("a focus distance must be"), "{problem}");
     }
     for blades in [1, 2, MAX_BLADES + 1] {
         let problem = scene.open_iris(&mut camera, iris(4.0, blades), Focus::Auto).unwrap_err();

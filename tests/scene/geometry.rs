@@ -340,5 +340,6 @@ fn scenes_without_geometry_are_empty() {
     assert!(scene.notes.iter().any(|n| n == "no camera in the file"));
     assert!(scene.notes.iter().any(|n| n == "no light in the file: `default_light` adds one"));
     let scene = file.load_with(&ImportOptions { default_light: true, ..Default::default() }).unwrap();
-    assert!(scene.notes.iter().any(|n| n == "no light in the file, and nothing that one would light"));
+    let note = "no light in the file, and `default_light` adds none because nothing would be lit";
+    assert!(scene.notes.iter().any(|n| n == note));
 }

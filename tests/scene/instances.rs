@@ -199,14 +199,14 @@ fn variants() {
     assert_eq!(colour(&file, Some("green")), grey(0.5));
     // A primitive without variants keeps its material.
     assert_eq!(colour(&plain, Some("red")), grey(0.25));
-    let note = "there is: red, blue, green";
+    let note = "available: red, blue, green";
     assert!(load(&file, None).unwrap().notes.iter().any(|n| n.contains(note)));
     assert!(!load(&file, Some("red")).unwrap().notes.iter().any(|n| n.contains("variant")));
     let error = load(&file, Some("pink")).unwrap_err();
     assert_eq!(error.exit_code(), 2);
     assert!(error.to_string().contains("'pink'") && error.to_string().contains(note), "{error}");
     let error = load(&File::triangle(), Some("pink")).unwrap_err();
-    assert!(error.to_string().contains("there is: none"), "{error}");
+    assert!(error.to_string().contains("available: none"), "{error}");
 
     const PLACE: &str = "/meshes/0/primitives/0/extensions/KHR_materials_variants";
     let refused = |mappings: Value| {

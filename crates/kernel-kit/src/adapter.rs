@@ -155,7 +155,7 @@ pub(crate) fn choose(instance: &wgpu::Instance, choice: &DeviceChoice) -> Result
             DeviceChoice::Name(text) => format!("no device is called '{text}'"),
             DeviceChoice::Best => "none is usable".to_owned(),
         };
-        return Err(Error::NoDevice(format!("{wanted}; there is: {}", names.join(", "))));
+        return Err(Error::NoDevice(format!("{wanted}; available: {}", names.join(", "))));
     };
     Ok((adapters.swap_remove(index), infos.swap_remove(index)))
 }

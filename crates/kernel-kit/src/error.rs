@@ -31,7 +31,7 @@ pub enum Error {
     },
     /// A buffer that the device cannot hold.
     #[error(
-        "buffer {buffer}: {needed} bytes are needed, the device allows {limit}; use a smaller one \
+        "buffer {buffer}: {needed} bytes are needed, but the device allows {limit}; use a smaller one \
          or choose another device"
     )]
     Buffer {

@@ -139,7 +139,7 @@ impl OpenImageDenoise {
         let version = unsafe { (self.functions.device_int)(self.device, c"version".as_ptr()) };
         if !VERSIONS.contains(&version) {
             let version = format!("{}.{}", version / 10_000, version / 100 % 100);
-            return Err(unusable(&self.file, &format!("it is version {version}, and 2 is required")));
+            return Err(unusable(&self.file, &format!("it is version {version}, but version 2 is required")));
         }
         // SAFETY: as above. Threads that are bound to cores would hinder those of the renderer.
         unsafe { (self.functions.set_device_bool)(self.device, c"setAffinity".as_ptr(), false) };
@@ -176,7 +176,7 @@ impl OpenImageDenoise {
             return Err(Error::input(
                 &self.file,
                 "filter",
-                "Open Image Denoise failed: it gave no filter, and no reason",
+                "Open Image Denoise failed: it made no filter, and gave no reason",
             ));
         }
         let result = Picture { name: c"output", pixels: output.as_mut_ptr().cast(), _borrowed: Default::default() };
@@ -264,6 +264,6 @@ fn open(file: &Path) -> std::result::Result<Library, String> {
 
 /// The error of a library that cannot be used.
 fn unusable(file: &Path, problem: &str) -> Error {
-    let remedy = "install version 2 (https://www.openimagedenoise.org) and name its library by `oidn_library`";
+    let remedy = "install version 2 (https://www.openimagedenoise.org) and name its library with `oidn_library`";
     Error::input(file, "library", format!("cannot be used as Open Image Denoise: {problem}; {remedy}"))
 }

@@ -312,7 +312,7 @@ fn count_channels(name: &[u8], mut value: Bytes) -> Checked<u64> {
 /// Refuses DWA, because the crate's decoder allocates what a damaged block claims.
 fn check_compression(name: &[u8], mut value: Bytes) -> Checked<()> {
     match value.take(1) {
-        Some([8 | 9]) => Err(in_attribute(name, "DWAA and DWAB are not supported, save it with ZIP")),
+        Some([8 | 9]) => Err(in_attribute(name, "DWAA and DWAB are not supported; save it with ZIP")),
         _ => Ok(()),
     }
 }

@@ -43,7 +43,8 @@ impl Panorama {
             }
             let count = 1 + invalid.count();
             notes.push(format!(
-                "{count} texels of the panorama, the first at {x}, {y}, are negative or not finite: replaced with 0"
+                "{count} texels of the panorama, the first at {x}, {y}, have values that are negative or not finite: \
+                 these are replaced with 0"
             ));
             for radiance in texels.as_flattened_mut().iter_mut().filter(|radiance| is_invalid(radiance)) {
                 *radiance = 0.0;
@@ -51,7 +52,7 @@ impl Panorama {
         }
         if width != 2 * height {
             notes.push(format!(
-                "the panorama has {width} x {height} texels, but a full panorama is twice as wide as high"
+                "the panorama has {width} x {height} texels, but a full panorama is twice as wide as it is high"
             ));
         }
         Ok((Panorama { width, height, texels }, notes))

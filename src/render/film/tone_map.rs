@@ -54,9 +54,7 @@ impl FromStr for View {
 
     fn from_str(name: &str) -> Result<Self, Error> {
         let view = View::ALL.into_iter().find(|view| view.to_string() == name);
-        view.ok_or_else(|| {
-            Error::Usage(format!("there is no view '{name}'; the views are neutral, agx, standard, raw"))
-        })
+        view.ok_or_else(|| Error::Usage(format!("no view is called '{name}'; available: neutral, agx, standard, raw")))
     }
 }
 

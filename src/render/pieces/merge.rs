@@ -57,7 +57,7 @@ impl Pieces {
             if let Some((other, _)) = others {
                 let (range, crop) = extent;
                 let problem =
-                    format!("has samples {range} of the pixels {crop}, some of which {} has", other.display());
+                    format!("has samples {range} of the pixels {crop}, some of which {} has too", other.display());
                 return Err(Error::input(path, "file", problem));
             }
         }
@@ -100,7 +100,7 @@ impl Pieces {
             return refuse("keep nothing for denoisers: `image.denoise` was none when they were rendered");
         }
         if !self.missing().is_empty() {
-            return refuse("lack samples, and denoisers compare halves of all of them");
+            return refuse("lack samples, and denoisers need all of them");
         }
         let (size, background) = (self.whole.size, self.whole.background());
         self.merge_and(|image, merged| add_denoised(image, denoiser, gpu, merged, size, background))
