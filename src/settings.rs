@@ -207,7 +207,7 @@ macro_rules! by_name {
             fn from_str(text: &str) -> std::result::Result<Self, String> {
                 Self::ALL.into_iter().find(|v| v.name() == text).ok_or_else(|| {
                     let names: Vec<_> = Self::ALL.iter().map(|v| v.name()).collect();
-                    format!(concat!("no ", $what, " is called '{}'; there is: {}"), text, names.join(", "))
+                    format!(concat!("no ", $what, " is called '{}'; available: {}"), text, names.join(", "))
                 })
             }
         }
@@ -385,7 +385,7 @@ impl Settings {
                 || y.checked_add(height).is_none_or(|end| end > image.height || height == 0))
         {
             let problem =
-                format!("is {width} x {height} pixels at {x}, {y}; it must have pixels, all of them in the image");
+                format!("is {width} x {height} pixels at {x}, {y}; it must not be empty and must lie in the image");
             return Err(Error::setting("image.crop", format!("{problem} of {} x {}", image.width, image.height)));
         }
         range("image.spp", image.spp, 1, u32::MAX)?;
@@ -409,10 +409,10 @@ impl Settings {
         let refuse = |name, problem: String| Err(Error::setting(name, problem));
         let spp = self.image.spp;
         if first >= end || end > spp {
-            let problem = format!("is {first}..{end}; it must have samples, all of them among the `image.spp` {spp}");
+            let problem = format!("is {first}..{end}; it must not be empty, and must not go beyond `image.spp`, {spp}");
             return refuse("image.piece", problem);
         }
-        let with = "cannot be with `image.piece`:";
+        let with = "cannot be combined with `image.piece`:";
         let is_adaptive = self.image.sampling == Sampling::Adaptive;
         for (name, is_set) in [("image.noise", self.image.noise.is_some()), ("image.sampling", is_adaptive)] {
             if is_set {
@@ -425,10 +425,10 @@ impl Settings {
             return refuse("technique", problem);
         }
         if self.image.aovs.contains(&Aov::Shadow) {
-            return refuse("image.aovs", format!("{with} pieces have no sums of the AOV shadow"));
+            return refuse("image.aovs", format!("{with} pieces do not keep the AOV shadow"));
         }
         if self.visibility_map.dilate == Some(1) {
-            let problem = format!("{with} boundaries would grow from pixels of other pieces");
+            let problem = format!("{with} boundaries would grow into the pixels of other pieces");
             return refuse("visibility_map.dilate", problem);
         }
         Ok(())
@@ -470,7 +470,7 @@ impl Settings {
         let zones = matches!(self.light_sampling.strategy, None | Some(LightSampling::Zones));
         if self.light_sampling.sampled_lights == 1 && zones && technique.uses_zones() {
             let problem = format!("is 1; it must be from 2 to {} with zones", Self::MAX_SAMPLED_LIGHTS);
-            return Err(Error::setting("light_sampling.sampled_lights", format!("{problem}: one audits them")));
+            return Err(Error::setting("light_sampling.sampled_lights", format!("{problem}: one audits the zones")));
         }
         let Some(strategy) = self.light_sampling.strategy else { return Ok(()) };
         let problem = match strategy {

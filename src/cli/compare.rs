@@ -11,10 +11,10 @@ use super::{Ending, print, print_json, say};
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
 pub struct Arguments {
-    /// The image: .exr, .png or .hdr
+    /// Image: .exr, .png or .hdr
     image: PathBuf,
 
-    /// The reference, of the same size
+    /// Reference, of the same size
     reference: PathBuf,
 
     /// Exit with code 5 if relMSE is above X

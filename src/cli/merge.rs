@@ -26,12 +26,12 @@ pub struct Arguments {
     #[arg(short, long, value_name = "FILE", required = true)]
     output: Vec<PathBuf>,
 
-    /// Write what is there even if pieces are missing, and say which: pixels have the mean of the samples they have
+    /// Write the image even if pieces are missing, and say which: each pixel is then the mean of the samples it has
     #[arg(long)]
     partial: bool,
 
-    /// Remove noise, as `penumbra render --denoise` does, from pieces that were rendered with --denoise: the .png shows
-    /// the result, the .exr has it beside the raw image [default: auto if an output is .png and the pieces were
+    /// Remove noise, as `penumbra render --denoise` does, from pieces that were rendered with --denoise: a .png shows
+    /// the denoised image, an .exr has it beside the raw one [default: auto if an output is .png and the pieces were
     /// rendered with --denoise, else none]
     #[arg(long, value_name = "DENOISER", value_parser = denoisers(), conflicts_with = "partial")]
     denoise: Option<Denoise>,
@@ -63,7 +63,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     if !missing.is_empty() {
         let parts = listed(&missing);
         if !arguments.partial {
-            let problem = format!("{parts} are in no piece; --partial writes what is there");
+            let problem = format!("{parts} are in no piece; --partial writes the image without them");
             return Err(Error::input(&arguments.pieces[0], "pieces", problem));
         }
         say(format_args!("note: {parts} are in no piece"));

@@ -51,7 +51,7 @@ enum Command {
     /// Open a window in which a scene renders while you look around
     #[cfg(feature = "view")]
     View(Box<view::Arguments>),
-    /// Print what a scene needs, what is left out and why, without rendering it
+    /// Print what the render of a scene needs, what is left out and why, without rendering it
     Plan(Box<plan::Arguments>),
     /// List the Vulkan devices
     Devices(devices::Arguments),
@@ -59,13 +59,13 @@ enum Command {
     Compare(compare::Arguments),
     /// Image regression tests: render cases and compare them with their baselines
     Check(Box<check::Arguments>),
-    /// Compare techniques: error over run time, against a reference
+    /// Compare techniques by their error over run time, against a reference
     Report(Box<report::Arguments>),
-    /// Render the two scenes of the paper by its four techniques, and print its table 1 beside the measured one
+    /// Render the two scenes of the paper with its four techniques, and print its table 1 beside the measured one
     Table1(table1::Arguments),
     /// Render small scenes with extreme parameters, and print where the error exceeds its bound
     Stress(stress::Arguments),
-    /// Print the completions of a shell, for its folder of completions
+    /// Print the completion script for a shell
     Completions(shell::Completions),
     /// Write the manual pages, for packages
     #[command(hide = true)]
@@ -74,15 +74,15 @@ enum Command {
 
 const EXIT_CODES: &str = "\
 Exit codes:
-  0    done
+  0    success
   1    the render failed
   2    wrong usage
   3    a file cannot be read, understood or written
-  4    no Vulkan device, or the device was lost; view: no display
+  4    no Vulkan device, or the device was lost and could not be replaced; view: no display
   5    compare: the error is above the limit; check: a case did not pass
-  130  stopped by Ctrl-C or SIGTERM, with the image so far written; or by Ctrl-C at once, before the first sample or
-       by a second signal
-  143  stopped by SIGTERM at once";
+  130  stopped by Ctrl-C or SIGTERM after the finished samples were written, or by Ctrl-C before the first sample, or
+       by Ctrl-C as the second signal
+  143  stopped by SIGTERM before the first sample, or by SIGTERM as the second signal";
 
 /// How a command ended without an error.
 enum Ending {

@@ -20,7 +20,7 @@ pub fn check_names<'a>(
         let whole = whole(path);
         let file = path.display();
         if inputs.contains(&whole) {
-            return Err(Error::Usage(format!("{file} is an input, which would be lost: name another output file")));
+            return Err(Error::Usage(format!("{file} is an input, which would be overwritten: name another output")));
         }
         if !written.insert(whole) {
             return Err(Error::Usage(format!("{file} is named twice: each output file needs its own name")));

@@ -22,7 +22,7 @@ pub struct Arguments {
     #[command(flatten)]
     part: PartOptions,
 
-    /// Print JSON: the lists kept and left_out of items with name, reason and cost
+    /// Print JSON, with the lists kept and left_out, whose items have a name, a reason and a cost
     #[arg(long, help_heading = "Output")]
     json: bool,
 }

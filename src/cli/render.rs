@@ -48,9 +48,9 @@ pub struct Arguments {
     #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite::<f32>, help_heading = "Output")]
     exposure: f32,
 
-    /// Remove noise: the .png shows the result; the .exr keeps the raw image, and has it beside that as denoised.R,
-    /// denoised.G and denoised.B, with its estimated standard error as the channel error [default: auto if an output is
-    /// .png, else none]. With --samples it keeps what `penumbra merge --denoise` needs
+    /// Remove noise: a .png shows the denoised image; an .exr keeps the raw image, and has the denoised one beside it
+    /// as denoised.R, denoised.G and denoised.B, with its estimated standard error as the channel error [default: auto
+    /// if an output is .png, else none]. With --samples, the .exr instead keeps what `penumbra merge --denoise` needs
     #[arg(long, value_name = "DENOISER", value_parser = denoisers(), help_heading = "Output")]
     denoise: Option<Denoise>,
 
@@ -61,16 +61,16 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE.json", help_heading = "Output")]
     stats: Option<PathBuf>,
 
-    /// Reference image: the error is printed as by `penumbra compare`
+    /// Reference image: the error against it is printed, as by `penumbra compare`
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     reference: Option<PathBuf>,
 
-    /// Write a checkpoint for --resume, every minute and at the end. Without --resume the file must not be there yet
+    /// Write a checkpoint for --resume, every minute and at the end. Without --resume the file must not exist yet
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     checkpoint: Option<PathBuf>,
 
     /// Continue the render that wrote the --checkpoint file, or begin it if there is no such file; the image has the
-    /// same bits as without an interruption
+    /// same bits as that of an uninterrupted render
     #[arg(long, requires = "checkpoint", help_heading = "Output")]
     resume: bool,
 
@@ -88,14 +88,14 @@ pub struct Arguments {
     part: PartOptions,
 
     /// Finish within this time, including reading, denoising and writing, unless it is too short for one sample; --spp
-    /// is then only an upper limit, without a default
+    /// is then only an upper limit, and there is none by default
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
     time: Option<Duration>,
 
-    /// Render until the estimated relMSE of every block of 8 x 8 pixels is T or less: samples go where the image has
-    /// most noise, that of the denoised image with --denoise. The estimate comes from the samples and from audits; it
+    /// Render until the estimated relMSE of every block of 8 x 8 pixels is T or less: samples go where the image is
+    /// noisiest; with --denoise, where the denoised image is. The estimate comes from the samples and from audits; it
     /// does not include the error of the photon map of indirect light, which all samples share. --spp is then only an
-    /// upper limit for each pixel, without a default
+    /// upper limit for each pixel, and there is none by default
     #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
     noise: Option<f64>,
 
@@ -127,7 +127,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
     let from = arguments.checkpoint.as_ref().filter(|path| path.exists()).map(Checkpoint::read).transpose()?;
     if let Some(path) = arguments.checkpoint.as_ref().filter(|_| arguments.resume && from.is_none()) {
-        notes.say(&[format!("there is no checkpoint {} yet: the render begins", path.display())]);
+        notes.say(&[format!("there is no checkpoint {} yet: a new render begins", path.display())]);
     }
     notes.say(&scene.notes);
     if let Some(problem) = &no_denoiser {
@@ -169,7 +169,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
             settings.image.sampling = sampling;
         }
         if let Some(reason) = reason {
-            notes.say(&[format!("--technique {technique}, since {reason}")]);
+            notes.say(&[format!("using --technique {technique}, because {reason}")]);
         }
     }
     let mut session = Session {
@@ -439,7 +439,7 @@ impl Session<'_> {
             if let Some(path) = arguments.checkpoint.as_ref().filter(|_| written.elapsed() > CHECKPOINT) {
                 // A disk that is full now may have room the next time.
                 if let Err(problem @ Error::Output { .. }) = renderer.checkpoint()?.write(path) {
-                    self.notes.say(&[format!("{problem}; the render goes on")]);
+                    self.notes.say(&[format!("{problem}; the render continues")]);
                 }
                 written = Instant::now();
             }
@@ -520,8 +520,8 @@ impl Session<'_> {
         let names: Vec<&str> = self.denoiser.names().collect();
         let error = match estimate::denoised_relmse(image) {
             Some(error) => format!("estimated relMSE {error:.2e}"),
-            None if statistics.samples == 1 => "of unknown error: a single sample tells none".to_owned(),
-            None => "of unknown error: --time was too short to estimate it".to_owned(),
+            None if statistics.samples == 1 => "error unknown: it cannot be estimated from a single sample".to_owned(),
+            None => "error unknown: --time was too short to estimate it".to_owned(),
         };
         let (choice, seconds) = (self.denoiser.choice(), statistics.time.denoise);
         say(format_args!("denoised by {choice} ({}) in {seconds:.2} s, {error}", names.join(", ")));
@@ -577,15 +577,17 @@ impl Arguments {
             film::check_writable(path)?;
         }
         if self.settings.has_aovs() && !self.output.iter().any(|path| is_exr(path)) {
-            return Err(Error::Usage("--aov needs an output that is .exr: a .png holds the picture alone".into()));
+            return Err(Error::Usage("--aov needs an output that is .exr: a .png holds only the picture".into()));
         }
         if self.part.is_piece() {
             if self.noise.is_some() {
-                let problem = "--noise cannot be with --samples: which pixels get samples would depend on other pieces";
+                let problem = "--noise cannot be combined with --samples: which pixels get samples would depend on \
+                     other pieces";
                 return Err(Error::Usage(problem.into()));
             }
             if self.time.is_some() {
-                let problem = "--time cannot be with --samples: how many samples a pixel gets would depend on chance";
+                let problem = "--time cannot be combined with --samples: how many samples a pixel gets would depend \
+                     on chance";
                 return Err(Error::Usage(problem.into()));
             }
             if !self.output.iter().any(|path| is_exr(path)) {
@@ -600,7 +602,7 @@ impl Arguments {
         }
         files.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;
         if let Some(path) = self.checkpoint.as_ref().filter(|path| path.exists() && !self.resume) {
-            let problem = "is there already: --resume continues its render; remove it to begin another";
+            let problem = "exists already: add --resume to continue its render, or remove it to begin another";
             return Err(Error::Usage(format!("--checkpoint {} {problem}", path.display())));
         }
         self.check_names(&[])

@@ -18,9 +18,9 @@ const DIGITS: usize = 4;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Sequence")]
 pub struct SequenceOptions {
-    /// Render the frames A to B, both included: frame N is the animation at N / fps seconds. {frame} in the name of
-    /// each output stands for its number. Frames are skipped whose files are there, are complete and show the same
-    /// scene with the same settings: run an interrupted command again, and it goes on where it stopped
+    /// Render the frames A to B, both included: frame N shows the animation at N / fps seconds. {frame} in the name of
+    /// each output stands for the number of the frame. Frames whose files exist, are complete and show the same scene
+    /// with the same settings are skipped: run an interrupted command again, and it continues where it stopped
     #[arg(
         long,
         value_name = "A..B",
@@ -31,8 +31,8 @@ pub struct SequenceOptions {
     frames: Option<Frames>,
 
     /// Render N views from all around the scene, as on a turntable: the first from the azimuth and elevation of --from,
-    /// the next ones counter-clockwise seen from above, all from the same distance. {frame} in the names of the outputs
-    /// stands for the number of the view, 0 to N - 1; complete views are skipped as --frames does
+    /// the others counter-clockwise seen from above, all from the same distance. {frame} in the name of each output
+    /// stands for the number of the view, 0 to N - 1; complete views are skipped, as with --frames
     #[arg(
         long,
         value_name = "N",
@@ -46,8 +46,8 @@ pub struct SequenceOptions {
     #[arg(long, value_name = "N", default_value_t = 24.0, value_parser = positive, requires = "frames")]
     fps: f64,
 
-    /// Add the number of the frame to the seed; otherwise all frames have the same random numbers, and noise flickers
-    /// less
+    /// Add the number of the frame to the seed. Without this, all frames use the same random numbers, so that noise
+    /// flickers less
     #[arg(long, requires = "sequence")]
     seed_per_frame: bool,
 }
@@ -63,7 +63,7 @@ impl FromStr for Frames {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let form = || "a range of frames is expected, like 0..99".to_owned();
+        let form = || "it must be a range of frames, as in 0..99".to_owned();
         let (first, last) = text.split_once("..").ok_or_else(form)?;
         let number = |text: &str| text.parse::<u32>().map_err(|_| form());
         let (first, last) = (number(first)?, number(last)?);

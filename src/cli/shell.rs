@@ -10,13 +10,13 @@ use super::{Ending, print};
 
 #[derive(clap::Args)]
 pub struct Completions {
-    /// Shell
+    /// Shell to complete for
     shell: Shell,
 }
 
 #[derive(clap::Args)]
 pub struct Manual {
-    /// Folder that gets a page for the program and one for each command
+    /// Folder for the pages: one for the program and one for each command
     folder: PathBuf,
 }
 

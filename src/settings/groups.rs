@@ -90,7 +90,7 @@ impl FromStr for SampleRange {
     fn from_str(text: &str) -> Result<Self, String> {
         let number = |text: &str| text.trim().parse().ok();
         let range = text.split_once("..").and_then(|(first, end)| Some((number(first)?, number(end)?)));
-        let (first, end) = range.ok_or("it must be a range of samples, as in 0..16, without the last number")?;
+        let (first, end) = range.ok_or("it must be a range of samples, as in 0..16, the last number not included")?;
         Ok(SampleRange { first, end })
     }
 }

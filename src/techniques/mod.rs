@@ -73,7 +73,7 @@ impl FromStr for Technique {
     fn from_str(text: &str) -> Result<Technique, String> {
         Technique::all().find(|technique| technique.name() == text).ok_or_else(|| {
             let names: Vec<_> = Technique::all().map(Technique::name).collect();
-            format!("no technique is called '{text}'; there is: {}", names.join(", "))
+            format!("no technique is called '{text}'; available: {}", names.join(", "))
         })
     }
 }

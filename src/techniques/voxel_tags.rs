@@ -18,7 +18,7 @@ impl Technique {
     /// Amanatides 1990).
     pub const VOXEL_TAGS: Technique = Technique::new(&Description {
         name: "voxel-tags",
-        help: "shadow rays only in voxels neither completely lit nor in shadow (Woo and Amanatides 1990)",
+        help: "shadow rays only in voxels neither completely lit nor completely in shadow (Woo and Amanatides 1990)",
         source: "Woo and Amanatides 1990, Voxel Occlusion Testing",
         requirements: Requirements {
             transport: Transport::TwoPass,

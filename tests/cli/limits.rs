@@ -112,7 +112,7 @@ impl Rendered {
     fn assert_technique(&self, technique: &str) {
         assert_eq!(self.statistics["settings"]["technique"], technique, "{:?}", self.answer);
         let is_path = technique == "path";
-        let gives_reason = self.notes().iter().any(|note| note.starts_with("--technique path, since photons"));
+        let gives_reason = self.notes().iter().any(|note| note.starts_with("using --technique path, because photons"));
         assert_eq!(gives_reason, is_path, "{:?}", self.answer);
     }
 
@@ -189,7 +189,7 @@ fn one_pixel_of_one_sample() {
         let rendered = render(arguments);
         rendered.assert_technique("shadow-photons");
         rendered.assert_is(&["denoised.R", "denoised.G", "denoised.B"], ALBEDO, ROUNDING);
-        let unknown = "of unknown error: a single sample tells none";
+        let unknown = "error unknown: it cannot be estimated from a single sample";
         assert!(rendered.answer.stderr.contains(unknown), "{:?}", rendered.answer);
     }
     render("--samples 0..1").assert_technique("shadow-photons");

@@ -89,17 +89,17 @@ fn what_pieces_cannot_be_is_refused() {
         ("--samples 0..7", &["--samples is 0..7", "--spp 6"][..]),
         ("--samples 3..3", &["--samples is 3..3"]),
         ("--samples 3", &["--samples", "0..16"]),
-        ("--samples 0..6 --time 1", &["--time cannot be with --samples"]),
-        ("--samples 0..6 --noise 1e-3", &["--noise cannot be with --samples"]),
-        ("--samples 0..6 --sampling adaptive", &["--sampling cannot be with --samples"]),
-        ("--samples 0..6 --aov shadow", &["--aov cannot be with --samples"]),
+        ("--samples 0..6 --time 1", &["--time cannot be combined with --samples"]),
+        ("--samples 0..6 --noise 1e-3", &["--noise cannot be combined with --samples"]),
+        ("--samples 0..6 --sampling adaptive", &["--sampling cannot be combined with --samples"]),
+        ("--samples 0..6 --aov shadow", &["--aov cannot be combined with --samples"]),
     ] {
         render(arguments, &output).assert_refused(2, words);
     }
     render("--samples 0..6", &folder.path().join("a.png"))
         .assert_refused(2, &["--samples needs an output that is .exr"]);
     let ward = format!("render --device {} --technique ward-adaptive --samples 0..6 -o {}", device(), output.display());
-    run(&ward, &[&BOX]).assert_refused(2, &["--technique cannot be with --samples", "learns"]);
+    run(&ward, &[&BOX]).assert_refused(2, &["--technique cannot be combined with --samples", "learns"]);
     assert!(!output.exists());
 }
 

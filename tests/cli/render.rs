@@ -135,7 +135,7 @@ fn times_of_first_samples_are_remembered() {
 
     let takes_paths = || {
         let said = render("--spp 4 --time 10");
-        let is_reason = said.contains("--technique path, since photons and records would take about");
+        let is_reason = said.contains("using --technique path, because photons and records would take about");
         assert_eq!(said.contains("pixels, path, on"), is_reason, "{said}");
         is_reason
     };
@@ -308,7 +308,7 @@ fn checkpoints_of_something_else_are_refused() {
     let good = fs::read(&state).unwrap();
     // Nor is one overwritten by another render.
     let other = render(&format!("--spp 2 {checkpoint}"), &[&image]);
-    other.assert_refused(2, &["--checkpoint", "state is there already", "--resume"]);
+    other.assert_refused(2, &["--checkpoint", "state exists already", "--resume"]);
     assert!(fs::read(&state).unwrap() == good);
     let resume = |arguments: &str| {
         let arguments = format!("render --device {} {SMALL} --quiet {checkpoint} --resume {arguments} -o", device());
@@ -498,7 +498,7 @@ fn a_short_time_is_for_paths() {
     // On a GPU photons and filters are fast.
     if statistics["device"]["kind"] == "software" {
         assert_eq!(statistics["settings"]["technique"], "path");
-        assert!(answer.stderr.contains("--technique path, since photons and records"), "{}", answer.stderr);
+        assert!(answer.stderr.contains("using --technique path, because photons and records"), "{}", answer.stderr);
         assert!(answer.stderr.contains("denoising would take too much of --time 0.001"), "{}", answer.stderr);
     }
     // Nothing was measured on a GPU of how samples that are shared out compare at equal time.

@@ -188,7 +188,8 @@ fn outputs_do_not_overwrite_each_other() {
     ["-o", "--stats", "--checkpoint"].into_iter().for_each(refuse);
     let scene = folder.path().join("scene.glb");
     std::fs::copy(BOX, &scene).unwrap();
-    run("render", &[&scene, &"-o", &picture, &"--stats", &scene]).assert_refused(2, &["scene.glb", "would be lost"]);
+    run("render", &[&scene, &"-o", &picture, &"--stats", &scene])
+        .assert_refused(2, &["scene.glb", "would be overwritten"]);
 }
 
 /// A panorama, a reference, what a scene refers to, pieces, and the scenes and baselines of cases.
@@ -197,7 +198,7 @@ fn outputs_do_not_overwrite_inputs() {
     let folder = folder();
     let [input, picture] = ["input.exr", "picture.png"].map(|name| folder.path().join(name));
     std::fs::write(&input, "kept").unwrap();
-    let lost: &[&str] = &["input.exr is an input, which would be lost"];
+    let lost: &[&str] = &["input.exr is an input, which would be overwritten"];
     for option in ["--environment", "--reference"] {
         run("render", &[&BOX, &option, &input, &"-o", &input]).assert_refused(2, lost);
         run("render", &[&BOX, &option, &input, &"-o", &picture, &"--stats", &input]).assert_refused(2, lost);
@@ -214,7 +215,7 @@ fn outputs_do_not_overwrite_inputs() {
     for option in ["--html", "--junit"] {
         for (file, word) in [(&cases, "CASES.toml"), (&input, "input.exr"), (&std::path::PathBuf::from(BOX), "box.glb")]
         {
-            run("check", &[&cases, &option, file]).assert_refused(2, &[word, "would be lost"]);
+            run("check", &[&cases, &option, file]).assert_refused(2, &[word, "would be overwritten"]);
         }
     }
     assert_eq!(std::fs::read_to_string(&input).unwrap(), "kept");

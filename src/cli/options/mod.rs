@@ -26,8 +26,8 @@ pub struct DeviceOptions {
     #[arg(long, value_name = "D", default_value = "best", help_heading = "Device")]
     device: DeviceChoice,
 
-    /// For tests: what of the device is used. `least` stands for the least that a desktop's device has,
-    /// `gpu` for all of it, used as that of a GPU
+    /// For tests: which of the device's limits are used. `own`: its own; `least`: the minimum of desktop devices;
+    /// `gpu`: its own, with a software device used like a GPU
     #[arg(long, value_name = "L", default_value = "own", value_parser = device_limits(), hide = true)]
     device_limits: DeviceLimits,
 }

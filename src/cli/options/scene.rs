@@ -35,7 +35,7 @@ pub struct SceneOptions {
     )]
     from: Option<[f32; 2]>,
 
-    /// Place the camera here, in the file's coordinates
+    /// Place the camera at this position, in the file's coordinates
     #[arg(
         long,
         value_name = "X,Y,Z",
@@ -47,7 +47,7 @@ pub struct SceneOptions {
     )]
     look_from: Option<DVec3>,
 
-    /// What a placed camera looks at
+    /// Position that a placed camera looks at, in the file's coordinates
     #[arg(
         long,
         value_name = "X,Y,Z",
@@ -69,7 +69,7 @@ pub struct SceneOptions {
     )]
     look_up: Option<DVec3>,
 
-    /// Make the placed camera orthographic: it sees this height, in the file's units
+    /// Make the placed camera orthographic, with a view of this height in the file's units
     #[arg(
         long,
         value_name = "HEIGHT",
@@ -80,8 +80,8 @@ pub struct SceneOptions {
     )]
     orthographic: Option<f64>,
 
-    /// Vertical field of view of a perspective camera [default: the camera's own; 40 of one that is placed or frames
-    /// the scene]
+    /// Vertical field of view of a perspective camera [default: the camera's own; 40 for a camera that is placed or
+    /// that frames the scene]
     #[arg(long, value_name = "DEGREES", value_parser = field_of_view, help_heading = "Scene")]
     fov: Option<f64>,
 
@@ -90,8 +90,8 @@ pub struct SceneOptions {
     #[arg(long, value_name = "F", value_parser = positive, help_heading = "Scene")]
     aperture: Option<f64>,
 
-    /// Distance at which the lens is in focus, in metres along the viewing direction; auto: that of the surface in the
-    /// centre of the image
+    /// Distance at which the lens is in focus, in metres along the viewing direction; auto: the distance of the surface
+    /// in the centre of the image
     #[arg(
         long,
         value_name = "METRES|auto",
@@ -113,18 +113,18 @@ pub struct SceneOptions {
     )]
     iris_blades: u32,
 
-    /// Add a soft light above and before the scene if the file has no light
+    /// Add a soft light above and in front of the scene if the file has no light
     #[arg(long, help_heading = "Scene")]
     default_light: bool,
 
     /// Drop primitives with NaN or infinite numbers, and textures whose image is missing or damaged, and read textures
-    /// at 0, 0 where a primitive lacks coordinates, instead of refusing the file; set texels of a panorama that are not
-    /// finite to 0
+    /// at 0, 0 where a primitive lacks coordinates, instead of refusing the file; replace values of a panorama that are
+    /// negative or not finite with 0
     #[arg(long, help_heading = "Scene")]
     lenient: bool,
 
     /// Show an animation at this time after its beginning: nodes, skins, morph targets, cameras, lights and materials.
-    /// Before its first key and after its last one it stands still [default: the pose of the file]
+    /// The animation stands still before its first key and after its last one [default: the pose of the file]
     #[arg(
         long,
         value_name = "SECONDS",
@@ -356,7 +356,7 @@ impl SceneOptions {
         camera.cloned().ok_or_else(|| {
             let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
             let names = if names.is_empty() { "none".into() } else { names.join(", ") };
-            Error::Usage(format!("no camera is called '{wanted}' or has that index; there is: {names}"))
+            Error::Usage(format!("no camera is called '{wanted}' or has that index; available: {names}"))
         })
     }
 }

@@ -11,13 +11,13 @@ use super::values::{AovList, TechniqueChoice, background, crop, light_samplings,
 #[derive(Args, Default)]
 #[command(next_help_heading = "Image")]
 pub struct PartOptions {
-    /// Render only this part of the image, in pixels from the left and from the top
+    /// Render only this part of the image; X and Y are pixels from the left and from the top
     #[arg(long, value_name = "X,Y,WIDTH,HEIGHT", value_parser = crop, allow_hyphen_values = true)]
     crop: Option<Crop>,
 
     /// Render a piece of the image: samples A to B - 1 of the --spp samples of every pixel. `penumbra merge` joins the
-    /// pieces. However the samples and --crop are cut, on devices of one kind the merged image has the bits of
-    /// --samples 0..SPP in one process. In a piece no sample learns from others
+    /// pieces. On devices of one kind, the merged image has the same bits as --samples 0..SPP in one process, however
+    /// the samples are split and the image is cropped. In a piece no sample learns from others
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     samples: Option<SampleRange>,
 }
@@ -44,7 +44,7 @@ pub struct RenderOptions {
     )]
     pub spp: Option<u32>,
 
-    /// Which pixels get how many of the samples; --noise has a rule of its own [default: adaptive with --time on a
+    /// How samples are distributed over the pixels; --noise has a rule of its own [default: adaptive with --time on a
     /// software device, without --technique and --checkpoint, if some samples fit; else uniform]
     #[arg(long, value_name = "SAMPLING", value_parser = samplings())]
     sampling: Option<Sampling>,
@@ -217,25 +217,26 @@ impl SettingsOptions {
 #[command(next_help_heading = "Indirect light")]
 struct IndirectOptions {
     /// Maximum number of bounces of indirect light; 0 for direct light only. Mirrors and clear glass before the first
-    /// other surface are no bounces, except with --technique path
+    /// other surface do not count as bounces, except with --technique path
     #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.max_bounces)]
     max_bounces: u32,
 
     /// Photons emitted for the global map, from all lights together, for the first 24 samples per pixel; more follow.
-    /// By default 4,096 for the first sample, and then 256 for each gather ray
+    /// By default 4096 for the first sample, and then 256 for each gather ray
     #[arg(long, value_name = "N")]
     flux_photons: Option<u32>,
 
-    /// Limit the indirect light of each path to this radiance, which removes fireflies; the image is then biased
+    /// Limit the indirect light of each path to this radiance, which removes fireflies but biases the image
     #[arg(long, value_name = "RADIANCE")]
     clamp: Option<f32>,
 
-    /// Radius of an irradiance record over the distance of the surfaces around it: smaller is more accurate, and slower
+    /// Radius of an irradiance record, relative to the distance of the surfaces around it: smaller is more accurate,
+    /// and slower
     #[arg(long, value_name = "A", default_value_t = Settings::default().indirect.irradiance_cache.accuracy)]
     accuracy: f32,
 
     /// Gather rays per irradiance record, rounded up to a power of two, for the first 24 samples per pixel; more
-    /// follow. By default 16 for the first sample, and then up to 4,096 as long as these gain more than samples do
+    /// follow. By default 16 for the first sample, and then up to 4096 as long as they gain more than samples would
     #[arg(long, value_name = "N")]
     gather_rays: Option<u32>,
 
@@ -260,9 +261,9 @@ impl IndirectOptions {
 #[derive(Args)]
 #[command(next_help_heading = "Visibility map")]
 struct VisibilityMapOptions {
-    /// Visibility photons emitted from each light, 4194304 of all lights together at most [default: 16384, or one for
-    /// 64 shadow rays to the light where that is less, but at least 4096; up to 131072 with one sample a pixel, 131072
-    /// where photons alone decide]
+    /// Visibility photons emitted from each light, at most 4194304 from all lights together [default: 16384, or one for
+    /// every 64 shadow rays to the light if that is fewer, but at least 4096; up to 131072 with one sample per pixel;
+    /// 131072 where photons alone decide]
     #[arg(long, value_name = "N")]
     photons: Option<u32>,
 
@@ -270,7 +271,7 @@ struct VisibilityMapOptions {
     #[arg(long, value_name = "K", default_value_t = Settings::default().visibility_map.nearest)]
     nearest: u32,
 
-    /// Maximum number of shadow photons stored along one photon ray
+    /// Maximum number of shadow photons stored along the ray of one photon
     #[arg(long, value_name = "N", default_value_t = Settings::default().visibility_map.shadow_photons_per_ray)]
     shadow_photons_per_ray: u32,
 
@@ -283,8 +284,8 @@ struct VisibilityMapOptions {
     #[arg(long, value_name = "PIXELS")]
     dilate: Option<u32>,
 
-    /// Minimum probability that a lit or shadowed point still traces a shadow ray, which keeps the image unbiased; more
-    /// of them do where such rays find mistakes. 0 is the paper's method, which is biased
+    /// Minimum probability that a lit or shadowed point still traces a shadow ray, which keeps the image unbiased; the
+    /// probability rises where such rays find mistakes. 0 is the paper's method, which is biased
     #[arg(long, value_name = "P", default_value_t = Settings::default().visibility_map.audit)]
     audit: f32,
 
@@ -344,7 +345,7 @@ struct EarlierOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().cells.rays_per_light)]
     cell_rays: u32,
 
-    /// Cells along a side of the six faces around each light, for light-buffer
+    /// Cells along a side of each of the six faces around a light, for light-buffer
     #[arg(long, value_name = "N", default_value_t = Settings::default().light_buffer.resolution)]
     light_buffer_cells: u32,
 

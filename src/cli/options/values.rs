@@ -73,8 +73,8 @@ pub fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
     by_name(LightSampling::ALL, LightSampling::name, |strategy| match strategy {
         LightSampling::All => "all lights",
         LightSampling::Uniform => "a few lights, with equal probability",
-        LightSampling::Power => "a few lights: half of the time by power, else with equal probability",
-        LightSampling::Contribution => "a few lights, by what each would send to the point without occluders",
+        LightSampling::Power => "a few lights: with probability 1/2 by power, else with equal probability",
+        LightSampling::Contribution => "a few lights, by the light that each would send to the point without occluders",
         LightSampling::Zones => "a few of the lights whose photons reach the zone of the point",
     })
 }
@@ -82,10 +82,10 @@ pub fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
 /// One of the ways to share samples out.
 pub fn samplings() -> impl TypedValueParser<Value = Sampling> {
     by_name(Sampling::ALL, Sampling::name, |sampling| match sampling {
-        Sampling::Uniform => "--spp samples of every pixel",
+        Sampling::Uniform => "--spp samples for every pixel",
         Sampling::Adaptive => {
-            "--spp samples of a pixel in the mean: up to eight times as many where there is noise, and half as many \
-             where there is none"
+            "--spp samples per pixel on average: up to eight times as many where there is noise, and as few as half as \
+             many where there is none"
         }
     })
 }
@@ -93,7 +93,7 @@ pub fn samplings() -> impl TypedValueParser<Value = Sampling> {
 /// One of the denoisers.
 pub fn denoisers() -> impl TypedValueParser<Value = Denoise> {
     by_name(Denoise::ALL, Denoise::name, |denoise| match denoise {
-        Denoise::Auto => "the mixture of the raw image and all available denoisers with the least estimated error",
+        Denoise::Auto => "the mixture of the raw image and all available denoisers with the smallest estimated error",
         Denoise::None => "no denoiser",
         Denoise::Statistical => "the statistical denoiser alone, which needs no library",
         Denoise::Oidn => "Open Image Denoise alone",
@@ -146,18 +146,18 @@ fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
 pub fn direction(text: &str) -> std::result::Result<[f32; 2], String> {
     let is_direction = |[azimuth, elevation]: &[f32; 2]| azimuth.is_finite() && elevation.abs() <= 90.0;
     let direction = numbers(text).filter(is_direction);
-    direction.ok_or_else(|| "it must be two numbers as in 30,15; the elevation is from -90 to 90".into())
+    direction.ok_or_else(|| "it must be two numbers, as in 30,15, the second from -90 to 90".into())
 }
 
 /// A position.
 pub fn position(text: &str) -> std::result::Result<DVec3, String> {
     let position = numbers(text).map(DVec3::from_array).filter(|position| position.is_finite());
-    position.ok_or_else(|| "it must be three finite numbers as in 1,0.5,-2".into())
+    position.ok_or_else(|| "it must be three finite numbers, as in 1,0.5,-2".into())
 }
 
 pub fn up(text: &str) -> std::result::Result<DVec3, String> {
     let up = position(text).ok().filter(|up| up.try_normalize().is_some());
-    up.ok_or_else(|| "it must be three finite numbers as in 0,1,0, and not all of them 0".into())
+    up.ok_or_else(|| "it must be three finite numbers that are not all 0, as in 0,1,0".into())
 }
 
 pub fn field_of_view(text: &str) -> std::result::Result<f64, String> {
@@ -193,6 +193,6 @@ pub fn background(text: &str) -> std::result::Result<Background, String> {
         let code = u32::from_str_radix(digits, 16).ok()?.to_be_bytes();
         Some([1, 2, 3].map(|i| linear_from_srgb(f32::from(code[i]) / 255.0)))
     };
-    let problem = "it must be environment, transparent, a colour as #RRGGBB or three numbers that are 0 or more";
+    let problem = "it must be environment, transparent, a colour as #RRGGBB, or three numbers that are 0 or more";
     coded().or_else(linear).map(Background::Colour).ok_or_else(|| problem.into())
 }
