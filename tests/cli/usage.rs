@@ -253,3 +253,42 @@ fn an_unknown_device_names_those_there_are() {
     let answer = run("render --device no-such-device -o", &[&folder.path().join("x.png"), &BOX]);
     answer.assert_refused(4, &["no-such-device", &known]);
 }
+
+/// The arguments of the commands that stand on lines of their own in a document's blocks of code: without comments, and
+/// with the lines on which a backslash continues them.
+fn commands(text: &str) -> Vec<String> {
+    let mut commands = Vec::new();
+    let joined = text.replace("\\\n", " ");
+    for line in joined.lines().filter(|line| line.starts_with("    ")) {
+        let line = line.split('#').next().unwrap_or_default().trim();
+        let prefixes = ["penumbra ", "scripts/with-vulkan cargo run --release -- "];
+        // Brackets and dots stand for what the reader adds.
+        let arguments =
+            prefixes.iter().find_map(|prefix| line.strip_prefix(prefix)).filter(|line| !line.contains("..."));
+        commands.extend(arguments.map(str::to_owned));
+    }
+    commands
+}
+
+/// The program understands each command of the documents. `--help` at its end answers instead of a render, after the
+/// arguments before it are read.
+#[test]
+fn documented_commands_are_understood() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let in_folder = |folder: &str| std::fs::read_dir(root.join(folder)).unwrap().map(|entry| entry.unwrap().path());
+    let documents = in_folder("").chain(in_folder("docs")).chain(in_folder("scenes"));
+    let documents = documents.filter(|path| path.extension().is_some_and(|extension| extension == "md"));
+    let mut count = 0;
+    for document in documents {
+        for command in commands(&std::fs::read_to_string(&document).unwrap()) {
+            let answer = run(&format!("{command} --help"), &[]);
+            assert!(answer.code == Some(0), "{}: {command}: {answer:?}", document.display());
+            count += 1;
+        }
+    }
+    assert!(count > 40, "{count} commands are too few: they are not found");
+    // Two commands on one line, and an option that there is not.
+    for wrong in ["render a.glb -o a.png penumbra render b.glb -o b.png", "render a.glb -o a.png --planted"] {
+        assert_eq!(run(&format!("{wrong} --help"), &[]).code, Some(2), "{wrong}");
+    }
+}
