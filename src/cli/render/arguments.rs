@@ -1,0 +1,189 @@
+//! The arguments of `penumbra render`, and the checks that need neither scene nor device.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use penumbra::internal::render::Checkpoint;
+use penumbra::internal::render::film::{self, View};
+use penumbra::settings::Denoise;
+use penumbra::{Denoiser, Error, Image, Result};
+
+use super::files::{Files, is_exr};
+use crate::cli::names::check_names;
+use crate::cli::options::{
+    DeviceOptions, OidnOptions, PartOptions, RenderOptions, SceneOptions, denoisers, finite, positive,
+};
+use crate::cli::sequence::{Frame, SequenceOptions};
+
+#[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
+pub struct Arguments {
+    #[command(flatten)]
+    pub scene: SceneOptions,
+
+    /// Output image: .exr (scene-linear, all channels) or .png (tone-mapped); may be given several times
+    #[arg(short, long, value_name = "FILE", required = true, help_heading = "Output")]
+    pub output: Vec<PathBuf>,
+
+    /// Tone mapping of .png: neutral (Khronos PBR Neutral), agx, standard (sRGB, clipped) or raw (linear values)
+    #[arg(long, value_name = "VIEW", default_value_t = View::default(), help_heading = "Output")]
+    pub view: View,
+
+    /// Exposure of .png, in stops
+    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite::<f32>, help_heading = "Output")]
+    pub exposure: f32,
+
+    /// Remove noise: a .png shows the denoised image; an .exr keeps the raw image, and has the denoised one beside it
+    /// as denoised.R, denoised.G and denoised.B, with its estimated standard error as the channel error [default: auto
+    /// if an output is .png, else none]. With --samples, the .exr instead keeps what `penumbra merge --denoise` needs
+    #[arg(long, value_name = "DENOISER", value_parser = denoisers(), help_heading = "Output")]
+    pub denoise: Option<Denoise>,
+
+    #[command(flatten)]
+    pub oidn: OidnOptions,
+
+    /// Write statistics as JSON
+    #[arg(long, value_name = "FILE.json", help_heading = "Output")]
+    pub stats: Option<PathBuf>,
+
+    /// Reference image: the error against it is printed, as by `penumbra compare`
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    pub reference: Option<PathBuf>,
+
+    /// Write a checkpoint for --resume, every minute and at the end. Without --resume the file must not exist yet
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    pub checkpoint: Option<PathBuf>,
+
+    /// Continue the render that wrote the --checkpoint file, or begin it if there is no such file; the image has the
+    /// same bits as that of an uninterrupted render
+    #[arg(long, requires = "checkpoint", help_heading = "Output")]
+    pub resume: bool,
+
+    /// Print only errors
+    #[arg(long, help_heading = "Output")]
+    pub quiet: bool,
+
+    #[command(flatten)]
+    pub sequence: SequenceOptions,
+
+    #[command(flatten)]
+    pub settings: RenderOptions,
+
+    #[command(flatten)]
+    pub part: PartOptions,
+
+    /// Finish within this time, including reading, denoising and writing, unless it is too short for one sample; --spp
+    /// is then only an upper limit, and there is none by default
+    #[arg(long, value_name = "SECONDS", value_parser = time_budget, help_heading = "Image")]
+    pub time: Option<Duration>,
+
+    /// Render until the estimated relMSE of every block of 8 x 8 pixels is T or less: samples go where the image is
+    /// noisiest; with --denoise, where the denoised image is. The estimate comes from the samples and from audits; it
+    /// does not include the error of the photon map of indirect light, which all samples share. --spp is then only an
+    /// upper limit for each pixel, and there is none by default
+    #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
+    pub noise: Option<f64>,
+
+    #[command(flatten)]
+    pub device: DeviceOptions,
+}
+
+fn time_budget(text: &str) -> std::result::Result<Duration, String> {
+    Duration::try_from_secs_f64(positive(text)?).map_err(|problem| problem.to_string())
+}
+
+impl Arguments {
+    /// Checks everything that can be checked before the scene is read.
+    pub fn check(&self) -> Result<()> {
+        self.settings.check(&self.part)?;
+        self.sequence.check_names(self.output.iter().chain(&self.stats))?;
+        let files = self.files(self.sequence.first());
+        for path in &files.outputs {
+            film::check_writable(path)?;
+        }
+        if self.settings.has_aovs() && !self.output.iter().any(|path| is_exr(path)) {
+            return Err(Error::Usage("--aov needs an output that is .exr: a .png holds only the picture".into()));
+        }
+        self.check_piece()?;
+        if self.noise.is_some() && !self.settings.is_unbiased() {
+            let problem = "--noise needs an unbiased technique without --clamp, and audits where photons classify \
+                 points, to estimate the error";
+            return Err(Error::Usage(problem.into()));
+        }
+        files.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;
+        if let Some(path) = self.checkpoint.as_ref().filter(|path| path.exists() && !self.resume) {
+            let problem = "exists already: add --resume to continue its render, or remove it to begin another";
+            return Err(Error::Usage(format!("--checkpoint {} {problem}", path.display())));
+        }
+        self.check_names(&[])
+    }
+
+    /// Checks that a piece has sums that can be merged, and samples that no other piece decides.
+    fn check_piece(&self) -> Result<()> {
+        if !self.part.is_piece() {
+            return Ok(());
+        }
+        if self.noise.is_some() {
+            let problem = "--noise cannot be combined with --samples: which pixels get samples would depend on \
+                 other pieces";
+            return Err(Error::Usage(problem.into()));
+        }
+        if self.time.is_some() {
+            let problem = "--time cannot be combined with --samples: how many samples a pixel gets would depend \
+                 on chance";
+            return Err(Error::Usage(problem.into()));
+        }
+        if !self.output.iter().any(|path| is_exr(path)) {
+            let problem = "--samples needs an output that is .exr: a .png has no sums that could be merged";
+            return Err(Error::Usage(problem.into()));
+        }
+        Ok(())
+    }
+
+    /// Checks that no output overwrites another output or an input. `referred` are the files that the scene's file
+    /// refers to.
+    pub fn check_names(&self, referred: &[PathBuf]) -> Result<()> {
+        let Files { outputs, stats } = self.files(self.sequence.first());
+        let others = self.scene.other_files();
+        let inputs = [&self.scene.scene].into_iter().chain(&others).chain(&self.reference).chain(referred);
+        check_names(inputs, outputs.iter().chain(&stats).chain(&self.checkpoint))
+    }
+
+    /// The checkpoint that the render continues from, if there is one.
+    pub fn read_checkpoint(&self) -> Result<Option<Checkpoint>> {
+        self.checkpoint.as_ref().filter(|path| path.exists()).map(Checkpoint::read).transpose()
+    }
+
+    /// A note if there is no checkpoint to resume from.
+    pub fn note_on_checkpoint(&self, from: Option<&Checkpoint>) -> Option<String> {
+        let path = self.checkpoint.as_ref().filter(|_| self.resume && from.is_none())?;
+        Some(format!("there is no checkpoint {} yet: a new render begins", path.display()))
+    }
+
+    /// The denoiser. If it cannot be used: an empty one, and the error.
+    pub fn denoiser(&self) -> (Denoiser, Option<Error>) {
+        if self.part.is_piece() {
+            return (Denoiser::default(), None);
+        }
+        let shows = self.output.iter().any(|path| !is_exr(path));
+        let default = if shows { Denoise::Auto } else { Denoise::None };
+        match self.oidn.denoiser(self.denoise.unwrap_or(default)) {
+            Ok(denoiser) => (denoiser, None),
+            Err(problem) => (Denoiser::default(), Some(problem)),
+        }
+    }
+
+    /// A note if most of a .png is white or black.
+    pub fn note_on_exposure(&self, image: &Image) -> Option<String> {
+        let png = self.output.iter().find(|path| !is_exr(path))?;
+        let suggested = image.suggested_exposure(self.exposure)?;
+        let seen = if suggested < self.exposure { "white" } else { "black" };
+        Some(format!("{} is mostly {seen}: try --exposure {suggested}", png.display()))
+    }
+
+    /// The files of an image, or of a frame of a sequence.
+    pub fn files(&self, frame: Option<Frame>) -> Files {
+        let name = |path: &PathBuf| frame.map_or_else(|| path.clone(), |frame| frame.file(path));
+        Files { outputs: self.output.iter().map(name).collect(), stats: self.stats.as_ref().map(name) }
+    }
+}

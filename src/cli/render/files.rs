@@ -1,0 +1,85 @@
+//! The files of an image: whether they are complete, and how they are written.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::{env, fs, process};
+
+use penumbra::internal::render::film::{self, View};
+use penumbra::{Error, Image, Result, Statistics};
+
+use crate::cli::{json, say};
+
+/// The files of an image.
+pub struct Files {
+    pub outputs: Vec<PathBuf>,
+    pub stats: Option<PathBuf>,
+}
+
+impl Files {
+    /// Whether all files exist, and the images are complete and have this fingerprint.
+    pub fn are_complete(&self, fingerprint: &str) -> bool {
+        let is_same = |path: &PathBuf| film::fingerprint(path).is_some_and(|found| found == fingerprint);
+        self.outputs.iter().all(is_same) && self.stats.iter().all(|path| path.exists())
+    }
+
+    /// Writes all output images. If one fails, the image is saved in the folder for temporary files, so that a full
+    /// disk does not lose the render.
+    pub fn write_images(&self, image: &Image, view: View, exposure: f32, quiet: bool) -> Result<()> {
+        let mut result = Ok(());
+        let denoised = image.denoised();
+        for path in &self.outputs {
+            // An .exr has all channels; a .png shows one picture.
+            let shown = denoised.as_ref().filter(|_| !is_exr(path)).unwrap_or(image);
+            let outcome = write_in_folder(path, || shown.write(path, view, exposure));
+            if outcome.is_ok() && !quiet {
+                say(format_args!("wrote {}", path.display()));
+            }
+            result = both(result, outcome);
+        }
+        result.map_err(|error| with_rescue(error, image))
+    }
+
+    /// Writes the statistics, if they are requested.
+    pub fn write_statistics(&self, statistics: &Statistics) -> Result<()> {
+        let Some(path) = &self.stats else { return Ok(()) };
+        let text = json(statistics).map_err(|problem| Error::output(path, problem))?;
+        write_in_folder(path, || film::write_atomically(path, |file| Ok(writeln!(file, "{text}")?)))
+    }
+}
+
+/// Saves an image that could not be written in the folder for temporary files, and adds that to the error.
+fn with_rescue(error: Error, image: &Image) -> Error {
+    match error {
+        Error::Output { file, problem } => {
+            let rescue = env::temp_dir().join(format!("penumbra-{}.exr", process::id()));
+            let kept = match image.write_exr(&rescue) {
+                Ok(()) => format!("; the image is in {}", rescue.display()),
+                Err(_) => String::new(),
+            };
+            Error::Output { file, problem: problem + &kept }
+        }
+        other => other,
+    }
+}
+
+/// Writes a file. If its folder has been removed since the start, it is created again.
+pub fn write_in_folder(path: &Path, write: impl Fn() -> Result<()>) -> Result<()> {
+    write().or_else(|problem| match path.parent() {
+        Some(folder) if !folder.exists() && fs::create_dir_all(folder).is_ok() => write(),
+        _ => Err(problem),
+    })
+}
+
+/// The outcome of writing two files, whose error names both if neither is written.
+pub fn both(first: Result<()>, second: Result<()>) -> Result<()> {
+    match (first, second) {
+        (Err(Error::Output { file, problem }), Err(Error::Output { file: other, .. })) => {
+            Err(Error::Output { file, problem: format!("{problem}; {} is not written either", other.display()) })
+        }
+        (first, second) => first.and(second),
+    }
+}
+
+pub fn is_exr(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
+}

@@ -1,0 +1,127 @@
+//! Sequences: a render for each frame that is not complete yet.
+
+use std::time::Instant;
+
+use kernel_kit::Gpu;
+use penumbra::internal::scene::Normalisation;
+use penumbra::{Camera, Result, Scene, Settings};
+
+use super::arguments::Arguments;
+use super::inputs::{Subject, turntable};
+use super::session::Session;
+use crate::cli::options::Surroundings;
+use crate::cli::say;
+use crate::cli::sequence::Frame;
+
+/// What the frames of a sequence have in common with the first.
+struct Sequence<'a> {
+    arguments: &'a Arguments,
+    surroundings: Option<&'a Surroundings>,
+    /// All frames have the size of the first.
+    settings: Settings,
+    /// The camera of the first frame and its space, if it frames the scene. Another one for each frame would move with
+    /// the scene.
+    framing: Option<(Camera, Normalisation)>,
+    /// The cameras of a turntable, and its scene, which stands still.
+    views: Vec<Camera>,
+    standing: Option<Scene>,
+}
+
+impl<'a> Sequence<'a> {
+    fn new(arguments: &'a Arguments, first: &Subject, surroundings: Option<&'a Surroundings>) -> Result<Sequence<'a>> {
+        let Subject { scene, camera, settings } = first;
+        let is_framed = arguments.scene.frames(scene);
+        let views = turntable(arguments, scene)?.unwrap_or_default();
+        Ok(Sequence {
+            arguments,
+            surroundings,
+            settings: settings.clone(),
+            framing: is_framed.then(|| (camera.clone(), scene.normalisation)),
+            standing: (!views.is_empty()).then(|| scene.clone()),
+            views,
+        })
+    }
+
+    /// The scene and the camera of a frame.
+    fn load(&self, frame: Frame) -> Result<Subject> {
+        let arguments = self.arguments;
+        let mut scene = match &self.standing {
+            Some(scene) => scene.clone(),
+            None => arguments.scene.load_at(frame.seconds)?,
+        };
+        if let Some(surroundings) = self.surroundings.filter(|_| self.standing.is_none()) {
+            arguments.scene.surround(&mut scene, surroundings)?;
+        }
+        let camera = match (self.views.get(frame.number as usize), &self.framing) {
+            (Some(camera), _) => camera.clone(),
+            (None, Some((camera, space))) if arguments.scene.frames(&scene) => {
+                camera.renormalised(space, &scene.normalisation)
+            }
+            (None, _) => arguments.scene.camera(&scene, arguments.settings.aspect())?,
+        };
+        Ok(Subject { scene, camera, settings: self.settings.clone() })
+    }
+
+    /// Says which frame is rendered.
+    fn announce(&self, frame: Frame) {
+        match frame.seconds {
+            Some(seconds) => say(format_args!("frame {} at {seconds:.3} s", frame.number)),
+            None => say(format_args!("view {} of {}", frame.number, self.views.len())),
+        }
+    }
+}
+
+impl Session<'_> {
+    /// Renders the missing frames of a sequence; `first` is the first of all frames.
+    pub fn render_sequence(
+        &mut self,
+        gpu: &mut Gpu,
+        first: Subject,
+        surroundings: Option<&Surroundings>,
+    ) -> Result<()> {
+        let arguments = self.arguments;
+        let sequence = Sequence::new(arguments, &first, surroundings)?;
+        let mut first = Some(first);
+        for frame in arguments.sequence.frames().into_iter().flatten() {
+            if self.interrupt.raised() {
+                self.stopped = true;
+                break;
+            }
+            let mut subject = match first.take() {
+                Some(first) => first,
+                None => {
+                    (self.times.started, self.times.start) = (Instant::now(), 0.0);
+                    let subject = sequence.load(frame)?;
+                    self.times.import = self.times.started.elapsed().as_secs_f64();
+                    subject
+                }
+            };
+            subject.settings.image.seed = sequence.settings.image.seed.wrapping_add(frame.seed);
+            self.files = arguments.files(Some(frame));
+            let fingerprint = self.fingerprint_of(&subject);
+            if self.files.are_complete(&fingerprint) {
+                if !arguments.quiet {
+                    say(format_args!("frame {} is complete", frame.number));
+                }
+                continue;
+            }
+            if !arguments.quiet {
+                sequence.announce(frame);
+            }
+            self.notes.say(&subject.scene.notes);
+            self.fingerprint = Some(fingerprint);
+            self.render_subject(gpu, &subject, None)?;
+            if self.stopped {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Identifies a frame by everything that decides the content of its files.
+    fn fingerprint_of(&self, Subject { scene, camera, settings }: &Subject) -> String {
+        let Arguments { time, view, exposure, .. } = self.arguments;
+        let denoisers: Vec<&str> = self.denoiser.names().collect();
+        scene.fingerprint(&(camera, settings, *time, denoisers.as_slice(), *view, *exposure))
+    }
+}

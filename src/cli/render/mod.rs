@@ -1,0 +1,78 @@
+//! `penumbra render`.
+
+mod arguments;
+mod files;
+mod frames;
+mod inputs;
+mod notes;
+mod session;
+mod technique;
+mod times;
+
+use std::time::Instant;
+
+use penumbra::internal::report::metrics::Measures;
+use penumbra::internal::report::reference::Reference;
+use penumbra::{Error, Image, Result};
+
+use super::flags::with_flags;
+use super::interrupt::Interrupt;
+use super::{Ending, compare, print};
+use inputs::Inputs;
+use notes::Notes;
+use session::{Session, prepare_device};
+use technique::{choose_technique, fit_denoiser};
+use times::Times;
+
+pub use arguments::Arguments;
+pub use files::{both, is_exr};
+
+pub fn run(arguments: &Arguments) -> Result<Ending> {
+    let started = Instant::now();
+    let interrupt = Interrupt::listen();
+    arguments.check()?;
+    let (mut denoiser, no_denoiser) = arguments.denoiser();
+    let Inputs { mut subject, surroundings, reference, mut gpu, import, start } = Inputs::load(arguments, &denoiser)?;
+    let checkpoint = arguments.read_checkpoint()?;
+
+    let mut notes = Notes::new(arguments.quiet);
+    notes.say(arguments.note_on_checkpoint(checkpoint.as_ref()).as_slice());
+    notes.say(&subject.scene.notes);
+    if let Some(problem) = &no_denoiser {
+        notes.say(&[format!("{}; the image stays raw", with_flags(&problem.to_string()))]);
+    }
+
+    let is_compiled = prepare_device(&gpu, arguments.quiet);
+    let sampling = fit_denoiser(arguments, &gpu, &subject.settings, &mut denoiser, &mut notes);
+    let times = Times { started, import, start, sampling };
+    let first_sample = choose_technique(arguments, &gpu, &mut subject, &times, is_compiled, &mut notes);
+
+    let spp = subject.settings.image.range().count();
+    let mut session = Session::new(arguments, &denoiser, interrupt, times, spp, first_sample, notes);
+    if arguments.sequence.first().is_some() {
+        session.render_sequence(&mut gpu, subject, surroundings.as_ref())?;
+    } else {
+        let image = session.render_subject(&mut gpu, &subject, checkpoint)?;
+        print_error(&image, reference.as_ref())?;
+    }
+    end(session.stopped, no_denoiser)
+}
+
+/// Prints the error of an image against its reference, if there is one.
+fn print_error(image: &Image, reference: Option<&Reference>) -> Result<()> {
+    let Some(reference) = reference else { return Ok(()) };
+    print(&compare::text(&Measures::new(image, &reference.image)?))?;
+    if let Some(denoised) = image.denoised() {
+        print(&format!("denoised\n{}", compare::text(&Measures::new(&denoised, &reference.image)?)))?;
+    }
+    Ok(())
+}
+
+/// The result of a render whose images are written.
+fn end(stopped: bool, no_denoiser: Option<Error>) -> Result<Ending> {
+    // The raw image is written, but the user requested a denoised one.
+    if let Some(problem) = no_denoiser {
+        return Err(problem);
+    }
+    Ok(if stopped { Ending::Stopped } else { Ending::Done })
+}

@@ -1,0 +1,264 @@
+//! A render from its first sample to its files.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use kernel_kit::Gpu;
+use penumbra::internal::render::Checkpoint;
+use penumbra::internal::render::recovery::{self, Failure, Salvage};
+use penumbra::settings::Denoise;
+use penumbra::{Denoiser, Error, Image, Renderer, Result, Settings, Statistics};
+
+use super::arguments::Arguments;
+use super::files::{Files, both, write_in_folder};
+use super::inputs::Subject;
+use super::notes::{Notes, say_denoised, summary};
+use super::technique::FirstSample;
+use super::times::Times;
+use crate::cli::first_samples::FirstSamples;
+use crate::cli::interrupt::Interrupt;
+use crate::cli::progress::{Display, Goal, show_compilation};
+use crate::cli::say;
+
+/// Time between checkpoints: the maximum that a crash can lose.
+const CHECKPOINT: Duration = Duration::from_secs(60);
+
+/// A render from its first sample to its files, on one device or, after a loss, on several.
+pub struct Session<'a> {
+    pub(super) arguments: &'a Arguments,
+    pub(super) denoiser: &'a Denoiser,
+    pub(super) interrupt: Interrupt,
+    pub(super) times: Times,
+    spp: u32,
+    /// The user has been told that the render has begun.
+    announced: bool,
+    /// `None` after the first sample, and where its time would not show how fast the machine is.
+    first_sample: Option<FirstSample>,
+    /// The time of the first sample over the expected time; stored once the image is written.
+    ratio: Option<(FirstSamples, f64)>,
+    pub(super) notes: Notes,
+    /// The render was stopped by a signal or a fault.
+    pub(super) stopped: bool,
+    pub(super) files: Files,
+    /// The fingerprint of a frame of a sequence. Frames are written only when they are complete.
+    pub(super) fingerprint: Option<String>,
+}
+
+/// Prepares an opened device. The returned flag is set if the driver compiles kernels for it. Kernels are kept and used
+/// again: those of samples without photons by samples with photons, those of the first frame by the other frames of a
+/// sequence, and those compiled with the renderer's by the denoisers.
+pub fn prepare_device(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
+    gpu.keep_kernels();
+    show_compilation(gpu, quiet)
+}
+
+impl<'a> Session<'a> {
+    /// Begins a render of `spp` samples per pixel.
+    pub fn new(
+        arguments: &'a Arguments,
+        denoiser: &'a Denoiser,
+        interrupt: Interrupt,
+        times: Times,
+        spp: u32,
+        first_sample: Option<FirstSample>,
+        notes: Notes,
+    ) -> Session<'a> {
+        Session {
+            arguments,
+            denoiser,
+            interrupt,
+            times,
+            spp,
+            announced: false,
+            first_sample,
+            ratio: None,
+            notes,
+            stopped: false,
+            files: arguments.files(None),
+            fingerprint: None,
+        }
+    }
+
+    /// Renders an image and writes its files.
+    pub fn render_subject(&mut self, gpu: &mut Gpu, subject: &Subject, from: Option<Checkpoint>) -> Result<Image> {
+        let Subject { scene, camera, settings } = subject;
+        let device = &self.arguments.device;
+        let (denoiser, quiet) = (self.denoiser, self.arguments.quiet);
+        let open = || {
+            let gpu = device.open()?;
+            prepare_device(&gpu, quiet);
+            Ok(gpu)
+        };
+        let rendered = recovery::render(
+            gpu,
+            open,
+            |gpu| {
+                let (compile, mut compiled) = (denoiser.compilation(), Ok(()));
+                let renderer = thread::scope(|scope| {
+                    scope.spawn(|| compiled = compile(gpu));
+                    Renderer::new(gpu, scene.clone(), camera, settings)
+                });
+                compiled.and(renderer)
+            },
+            from,
+            |renderer| {
+                // If time is limited, these kernels may never be needed, and compiling them takes time from samples.
+                let later = if self.times.sampling.is_none() { renderer.later_kernels() } else { None };
+                let gpu = renderer.gpu();
+                thread::scope(|scope| {
+                    // An error here is dropped: the same kernels fail again where they are needed.
+                    later.map(|compile| scope.spawn(move || compile(gpu)));
+                    self.render(renderer)
+                })
+            },
+        );
+        rendered.map_err(|Failure { error, salvage }| {
+            // A file is at fault before the first sample or after the image was written.
+            if let Some(salvage) = salvage.filter(|_| !matches!(error, Error::Output { .. } | Error::Input { .. })) {
+                self.stopped = true;
+                let Salvage { image, statistics, checkpoint } = *salvage;
+                // The error to report is the one that ended the render.
+                let _ = self.finish(image, statistics, Some(&checkpoint));
+            }
+            error
+        })
+    }
+
+    /// Renders until there are enough samples or a signal stops it, and writes the files.
+    fn render(&mut self, renderer: &mut Renderer<'_>) -> Result<Image> {
+        self.notes.say(renderer.notes());
+        // Before this point there is nothing to save.
+        self.interrupt.defer();
+        self.announce(renderer);
+        let failed = self.add_samples(renderer)?;
+        self.stopped = failed.is_some();
+        if !self.stopped && self.interrupt.raised() {
+            self.stopped = unless_lost(renderer.wants_samples(self.denoiser))?.unwrap_or(true);
+        }
+        self.notes.say(renderer.notes());
+        let checkpoint = self.arguments.checkpoint.as_ref().map(|_| renderer.checkpoint()).transpose()?;
+        let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
+        self.notes.say(renderer.note_on(&image).as_slice());
+        self.notes.say(renderer.note_on_noise().as_slice());
+        let start = Instant::now();
+        let outcome = match failed {
+            Some(problem) => Err(problem),
+            None => unless_lost(renderer.add_denoised(&mut image, self.denoiser))?,
+        };
+        if self.denoiser.choice() != Denoise::None {
+            statistics.time.denoise = start.elapsed().as_secs_f64();
+        }
+        self.say_estimate(renderer, &statistics)?;
+        let image = self.finish(image, statistics, checkpoint.as_ref())?;
+        outcome.map(|()| image)
+    }
+
+    /// Says once what is rendered.
+    fn announce(&mut self, renderer: &Renderer<'_>) {
+        if self.arguments.quiet || self.announced {
+            return;
+        }
+        let Settings { technique, image, .. } = renderer.settings();
+        let device = &renderer.gpu().info.name;
+        say(format_args!("rendering {} x {} pixels, {technique}, on {device}", image.width, image.height));
+        self.announced = true;
+    }
+
+    /// Renders until there are enough samples or a signal stops it. Returns the problem of a denoiser that ended it.
+    fn add_samples(&mut self, renderer: &mut Renderer<'_>) -> Result<Option<Error>> {
+        let arguments = self.arguments;
+        let deadline = self.times.deadline();
+        let mut display = Display::new(Goal { spp: self.spp, deadline }, arguments.quiet);
+        let mut written = Instant::now();
+        loop {
+            match unless_lost(renderer.wants_samples(self.denoiser))? {
+                Ok(true) => {}
+                Ok(false) => return Ok(None),
+                Err(problem) => return Ok(Some(problem)),
+            }
+            let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()).as_secs_f64());
+            let progress = match left {
+                None => Some(renderer.render_batch()?),
+                // A render that is resumed must have the same bits as one without an interruption.
+                Some(left) if arguments.checkpoint.is_some() => renderer.render_batch_within(left)?,
+                Some(left) => renderer.render_within(left)?,
+            };
+            let Some(progress) = progress else { return Ok(None) };
+            display.update(&progress);
+            if let Some(first) = self.first_sample.take()
+                && progress.samples == 1
+            {
+                self.ratio = first.ratio();
+            }
+            if self.interrupt.raised() {
+                return Ok(None);
+            }
+            if let Some(path) = arguments.checkpoint.as_ref().filter(|_| written.elapsed() > CHECKPOINT) {
+                // A disk that is full now may have room the next time.
+                if let Err(problem @ Error::Output { .. }) = renderer.checkpoint()?.write(path) {
+                    self.notes.say(&[format!("{problem}; the render continues")]);
+                }
+                written = Instant::now();
+            }
+        }
+    }
+
+    /// Says the estimated error of a render with `--noise`.
+    fn say_estimate(&self, renderer: &mut Renderer<'_>, statistics: &Statistics) -> Result<()> {
+        let estimate = renderer.estimated_relmse()?;
+        let Some(estimate) = estimate.filter(|_| self.arguments.noise.is_some() && !self.arguments.quiet) else {
+            return Ok(());
+        };
+        let rest =
+            if statistics.indirect.photons > 0 { " without the error of the photon map of indirect light" } else { "" };
+        say(format_args!("estimated relMSE {estimate:.2e} of the raw image{rest}"));
+        Ok(())
+    }
+
+    /// Prints a summary and writes all files; a file that fails does not stop the others.
+    fn finish(
+        &mut self,
+        mut image: Image,
+        mut statistics: Statistics,
+        checkpoint: Option<&Checkpoint>,
+    ) -> Result<Image> {
+        let arguments = self.arguments;
+        if !arguments.quiet {
+            say(summary(&statistics, self.stopped));
+            say_denoised(self.denoiser, &image, &statistics);
+        }
+        self.notes.say(&statistics.notes);
+        self.notes.say(arguments.note_on_exposure(&image).as_slice());
+        let checkpointed = match (&arguments.checkpoint, checkpoint) {
+            (Some(path), Some(checkpoint)) => write_in_folder(path, || checkpoint.write(path)),
+            _ => Ok(()),
+        };
+        if self.stopped && self.fingerprint.is_some() {
+            self.notes.say(&["an incomplete frame is not written".to_owned()]);
+            return Ok(image);
+        }
+        if let Some(fingerprint) = &self.fingerprint {
+            image.sign(fingerprint.clone());
+        }
+        let written = self.files.write_images(&image, arguments.view, arguments.exposure, arguments.quiet);
+        if let Some((others, ratio)) = self.ratio.take() {
+            others.add(ratio);
+        }
+        statistics.notes.clone_from(&self.notes.said);
+        statistics.time.start = self.times.start;
+        statistics.time.import = self.times.import;
+        statistics.time.total = self.times.started.elapsed().as_secs_f64();
+        both(both(written, self.files.write_statistics(&statistics)), checkpointed)?;
+        Ok(image)
+    }
+}
+
+/// The result of a denoiser, apart from errors that lose the samples. If only its library fails, the raw image is safe.
+fn unless_lost<T>(outcome: Result<T>) -> Result<Result<T>> {
+    match outcome {
+        Err(problem @ Error::Input { .. }) => Ok(Err(problem)),
+        outcome => Ok(Ok(outcome?)),
+    }
+}
