@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use kernel_kit::{Gpu, Resources, TableFormat};
 use penumbra::internal::kernels::{Class, Classified, GridShape, INVALID_POINT};
-use penumbra::internal::passes::classify::{AuditChances, Chunk, Classify, ClassifyBuffers};
+use penumbra::internal::passes::classify::{AuditProbabilities, Chunk, Classify, ClassifyBuffers};
 use penumbra::internal::passes::grid::Grid;
 use penumbra::internal::passes::{Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -97,7 +97,7 @@ fn main() {
             point_count: 1_000_000,
             ..Tile::default()
         };
-        let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditChances::default() };
+        let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditProbabilities::default() };
         for exact_counts in [true, false] {
             let classify = Classify::new(gpu, &features.clone().with(Feature::ExactCounts, exact_counts), k).unwrap();
             let bound = classify.bind(gpu, &buffers, Some(&built), &candidates, &Resources::new()).unwrap();

@@ -14,7 +14,7 @@
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7, remainder};
 import package::lib::class_word::{
-    AuditChances, audit_chance, class_of, class_word, is_audited, is_decided, is_near, traces_shadow_rays
+    AuditProbabilities, audit_probability, class_of, class_word, is_audited, is_decided, is_near, traces_shadow_rays
 };
 @if(visibility_map || fine_cells) import package::lib::class_word::boundary_word;
 @if(visibility_map || fine_cells) import package::lib::class_word::{AWAY, NEAR, word_at};
@@ -49,7 +49,7 @@ struct ClassifyParameters {
     candidate_count: u32,
     // Or sampled light index, where lights are sampled; see lib/sampled_light.
     first_light: u32,
-    // Members of AuditChances: in a uniform buffer, a struct would have to begin at a multiple of 16 bytes.
+    // Members of AuditProbabilities: in a uniform buffer, a struct would have to begin at a multiple of 16 bytes.
     audit_away: f32,
     audit_near: f32,
     // The queue whose length `arrange_queue` makes into arguments, and the invocations of the consumer's workgroups.
@@ -399,9 +399,9 @@ fn widen_to(candidate: u32) {
 fn audits(candidate: u32, word: u32) -> bool {
     let pixel = point_of(candidate);
     let sample_index = tile_sample(classify_pass.tile, pixel);
-    let chances = AuditChances(classify_pass.audit_away, classify_pass.audit_near);
-    let chance = audit_chance(word, chances);
-    return is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light_of(candidate), chance);
+    let probabilities = AuditProbabilities(classify_pass.audit_away, classify_pass.audit_near);
+    let probability = audit_probability(word, probabilities);
+    return is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light_of(candidate), probability);
 }
 
 fn same_surface(a: Point, b: Point) -> bool {

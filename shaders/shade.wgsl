@@ -34,7 +34,7 @@ import package::lib::visible_point::{load_point, load_surface, visible_surface};
 @if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::class_word::{class_of, class_visibility, is_decided, traces_shadow_rays};
 @if(aov_shadow) import package::lib::class_word::{class_illumination, class_shadow};
-@if(audit) import package::lib::class_word::{AuditChances, audit_chance, is_audited};
+@if(audit) import package::lib::class_word::{AuditProbabilities, audit_probability, is_audited};
 
 struct ShadeParameters {
     tile: Tile,
@@ -44,7 +44,7 @@ struct ShadeParameters {
     // Light points of a candidate, and words of 32 visibilities that hold them.
     light_samples: u32,
     visibility_words: u32,
-    // Members of AuditChances: in a uniform buffer, a struct would have to begin at a multiple of 16 bytes.
+    // Members of AuditProbabilities: in a uniform buffer, a struct would have to begin at a multiple of 16 bytes.
     audit_away: f32,
     audit_near: f32,
     // `shade_sampled` adds all terms to all points.
@@ -239,16 +239,16 @@ fn direct_light(shading: ShadingPoint, light: u32, candidate: u32, word: u32, te
         estimate = select(known.visibility, found.visible, known.traced);
     }
     @if(audit) {
-        let chances = AuditChances(parameters.audit_away, parameters.audit_near);
-        let chance = audit_chance(word, chances);
-        let audited = is_decided(class_of(word)) && is_audited(shading.seed, shading.sample_index, light, chance);
+        let probabilities = AuditProbabilities(parameters.audit_away, parameters.audit_near);
+        let probability = audit_probability(word, probabilities);
+        let audited = is_decided(class_of(word)) && is_audited(shading.seed, shading.sample_index, light, probability);
         var error = 0.0;
         if audited { error = f32(visibility_bit(candidate, 0u)) - known.visibility; }
         // Nearly all audits agree with the class, and add nothing.
         others = others || error != 0.0;
         if terms.others && error != 0.0 {
-            radiance += (error / chance) * audited_contribution(shading, light);
-            estimate += error / chance;
+            radiance += (error / probability) * audited_contribution(shading, light);
+            estimate += error / probability;
         }
     }
     return Estimate(radiance, estimate, others);

@@ -296,7 +296,7 @@ impl Settings {
     /// Whether the film keeps the sums from which the error of the image is estimated.
     pub(crate) fn estimates_error(&self) -> bool {
         let is_requested =
-            self.image.denoise != Denoise::None || self.image.noise.is_some() || self.image.shares_samples();
+            self.image.denoise != Denoise::None || self.image.noise.is_some() || self.image.allocates_samples();
         // A piece leaves that to the merged image.
         self.image.spp > 1 && is_requested && self.image.piece.is_none()
     }

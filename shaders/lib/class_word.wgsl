@@ -77,7 +77,7 @@ fn is_near(word: u32) -> bool {
 }
 
 // Probabilities that decided candidates are audited, certain from 1 on: away from boundaries, and near them.
-struct AuditChances {
+struct AuditProbabilities {
     away: f32,
     near: f32,
 }
@@ -87,13 +87,13 @@ struct AuditChances {
 const SETTLED_AUDITS = 0.25;
 
 // Probability that a decided candidate is audited.
-fn audit_chance(word: u32, chances: AuditChances) -> f32 {
+fn audit_probability(word: u32, probabilities: AuditProbabilities) -> f32 {
     let nearness = nearness_of(word);
-    let near = chances.near * select(1.0, SETTLED_AUDITS, nearness == SETTLED);
-    return min(select(near, chances.away, nearness == AWAY), 1.0);
+    let near = probabilities.near * select(1.0, SETTLED_AUDITS, nearness == SETTLED);
+    return min(select(near, probabilities.away, nearness == AWAY), 1.0);
 }
 
 // Whether a decided candidate traces a shadow ray all the same.
-fn is_audited(seed: u32, sample_index: u32, light: u32, chance: f32) -> bool {
-    return uniform_from_bits(hash3(seed, sample_index, DIMENSION_AUDIT + light)) < chance;
+fn is_audited(seed: u32, sample_index: u32, light: u32, probability: f32) -> bool {
+    return uniform_from_bits(hash3(seed, sample_index, DIMENSION_AUDIT + light)) < probability;
 }

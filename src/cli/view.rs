@@ -217,8 +217,8 @@ impl Source for Options {
     fn load(&self, file: &Path, pose: &Pose) -> Result<Scene> {
         let options = self.scene.clone().of_file(file, pose);
         let mut scene = options.load_at(pose.time)?;
-        if let Some(surroundings) = options.surroundings()? {
-            options.surround(&mut scene, &surroundings)?;
+        if let Some(panorama) = options.load_panorama()? {
+            options.set_panorama(&mut scene, &panorama)?;
         }
         Ok(scene)
     }

@@ -1,6 +1,6 @@
 //! Protection against wrong classes: audits of decided points, and wider boundaries.
 
-use crate::passes::classify::AuditChances;
+use crate::passes::classify::AuditProbabilities;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 
@@ -11,17 +11,17 @@ use crate::statistics::totals::Totals;
 /// 16, 27 and 74 in the direct light of `scenes/crowd.glb`, `procedural.glb` and `door.glb`. This value is nearer to
 /// the largest, because too many audits cost a few percent of the time, and too few may cost a multiple of it
 /// (docs/decisions.md).
-const CHANCE_OF_SHARE: f64 = 50.0;
+const AUDIT_SCALE: f64 = 50.0;
 
 /// Audits without a mistake that are assumed before the first one. The probability at the start is then 1 =
-/// CHANCE_OF_SHARE sqrt(0.5 / 1250): all of the first points are audited, as most mistakes are in cells that have few
+/// AUDIT_SCALE sqrt(0.5 / 1250): all of the first points are audited, as most mistakes are in cells that have few
 /// photons yet.
 const EARLIER_AUDITS: f64 = 1250.0;
 
 /// How the next samples are protected against wrong classes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Precautions {
-    pub audits: AuditChances,
+    pub audits: AuditProbabilities,
     /// Boundaries are widened by a pixel, unless the settings or the lights decide this.
     pub dilate: bool,
 }
@@ -31,26 +31,26 @@ impl Precautions {
     /// follow from counts, so that a render is reproducible, and from earlier samples only, so that the next ones are
     /// unbiased.
     pub fn after(totals: &Totals, settings: &Settings) -> Precautions {
-        let minimum = AuditChances::of(settings.visibility_map.audit);
+        let minimum = AuditProbabilities::of(settings.visibility_map.audit);
         // No later sample learns from audits here; in a piece none may, since pieces must not depend on each other.
         if !settings.learns_from_shadow_rays() {
             return Precautions { audits: minimum, dilate: false };
         }
-        let [near, away] = totals.recent_audits().map(|recent| chance(recent.audited, recent.wrong));
-        let audits = AuditChances { away: minimum.away.max(away), near: minimum.near.max(near) };
+        let [near, away] = totals.recent_audits().map(|recent| audit_probability(recent.audited, recent.wrong));
+        let audits = AuditProbabilities { away: minimum.away.max(away), near: minimum.near.max(near) };
         // Where all decided points near boundaries would be audited, boundaries are too narrow. All audits count here:
         // mistakes that a wider boundary prevents are no longer found, so recent audits alone would narrow it again.
         let [near, _] = totals.decided_points();
-        let certain = chance(near.audited as f64, near.wrong as f64) >= 1.0;
+        let certain = audit_probability(near.audited as f64, near.wrong as f64) >= 1.0;
         Precautions { audits, dilate: near.wrong > 0 && certain }
     }
 }
 
 /// The audit probability after `audited` audits, of which `wrong` contradicted the class. Half a mistake is added,
 /// because finding no mistake does not prove that there are none.
-fn chance(audited: f64, wrong: f64) -> f32 {
+fn audit_probability(audited: f64, wrong: f64) -> f32 {
     let share = (wrong + 0.5) / (audited + EARLIER_AUDITS);
-    (CHANCE_OF_SHARE * share.sqrt()) as f32
+    (AUDIT_SCALE * share.sqrt()) as f32
 }
 
 #[cfg(test)]
@@ -80,7 +80,7 @@ mod tests {
     }
 
     fn of(near: Counts, away: Counts, settings: &Settings) -> [f32; 2] {
-        let AuditChances { away, near } = after(near, away, settings).audits;
+        let AuditProbabilities { away, near } = after(near, away, settings).audits;
         [near, away]
     }
 
@@ -91,7 +91,7 @@ mod tests {
     /// The probability where the root in the rule is round: 1 at first; without mistakes it falls with the square root
     /// of the number of audits, and it grows with the square root of the number of mistakes.
     #[test]
-    fn mistakes_raise_the_chance() {
+    fn mistakes_raise_the_probability() {
         let settings = settings();
         assert_eq!(of(NONE, NONE, &settings), [1.0; 2]);
         let clean = Counts { audited: 16 * 1250 - 1250, wrong: 0 };

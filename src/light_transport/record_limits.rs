@@ -23,7 +23,7 @@ const MIN_SHARE: f64 = 0.5;
 
 /// How far gradients are off, from pairs of records.
 #[derive(Clone, Copy, Default)]
-struct Misfit {
+struct Residual {
     /// Sums of squared differences that noise does not explain, and of fourth powers of distances over the radius.
     excess: f64,
     powers: f64,
@@ -39,12 +39,12 @@ impl NoisyRecords<'_> {
         let grid = RecordGrid::new(self.heads, |i| self.radii[i]);
         let indices = || (0..self.heads.len()).into_par_iter();
         let members: Vec<Vec<Member>> = indices().map(|i| self.members(&grid, i, self.radii[i])).collect();
-        let misfits: Vec<Misfit> = indices().map(|i| self.misfit(i, &members[i])).collect();
+        let residuals: Vec<Residual> = indices().map(|i| self.residual(i, &members[i])).collect();
         // Members are pooled, because few pairs estimate the error badly: the noise of their differences exceeds the
         // allowed error.
         let limit = |i: usize| {
-            let Misfit { excess, powers, allowed, pairs } =
-                members[i].iter().fold(Misfit::default(), |sum, member| sum.plus(misfits[member.index]));
+            let Residual { excess, powers, allowed, pairs } =
+                members[i].iter().fold(Residual::default(), |sum, member| sum.plus(residuals[member.index]));
             let (error, allowed) = (excess / powers, allowed / pairs);
             // Without a pair neither is a number.
             if error > allowed {
@@ -57,12 +57,12 @@ impl NoisyRecords<'_> {
     }
 
     /// How far the gradients of a record are off at the members around it.
-    fn misfit(&self, i: usize, members: &[Member]) -> Misfit {
+    fn residual(&self, i: usize, members: &[Member]) -> Residual {
         let others = members.iter().filter(|member| member.index != i);
-        others.fold(Misfit::default(), |sum, member| {
+        others.fold(Residual::default(), |sum, member| {
             let noise = f64::from(self.variances[i]) + f64::from(self.variances[member.index]);
             let irradiance = self.irradiance(member.index);
-            sum.plus(Misfit {
+            sum.plus(Residual {
                 excess: self.extrapolated(i, member.index).distance_squared(irradiance) - noise,
                 powers: (1.0 - member.weight).powi(4),
                 allowed: ALLOWED * 0.5 * noise + ALWAYS_ALLOWED.powi(2) * irradiance.length_squared(),
@@ -89,9 +89,9 @@ impl NoisyRecords<'_> {
     }
 }
 
-impl Misfit {
-    fn plus(self, other: Misfit) -> Misfit {
-        Misfit {
+impl Residual {
+    fn plus(self, other: Residual) -> Residual {
+        Residual {
             excess: self.excess + other.excess,
             powers: self.powers + other.powers,
             allowed: self.allowed + other.allowed,

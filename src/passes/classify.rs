@@ -12,7 +12,7 @@ use crate::specialisation::features::{Feature, Features};
 /// Probabilities with which lit and shadowed candidates are audited, 1 for all that are above it; see
 /// `shaders/lib/class_word.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct AuditChances {
+pub struct AuditProbabilities {
     /// Away from boundaries.
     pub away: f32,
     /// Near them, in parts of divided cells that have few photons; a quarter of it where they have many.
@@ -24,10 +24,10 @@ pub struct AuditChances {
 /// of 4.
 const NEAR_AUDITS: f32 = 16.0;
 
-impl AuditChances {
+impl AuditProbabilities {
     /// The probabilities if points away from boundaries are audited with probability `away`, 0 to 1.
-    pub fn of(away: f32) -> AuditChances {
-        AuditChances { away, near: NEAR_AUDITS * away }
+    pub fn of(away: f32) -> AuditProbabilities {
+        AuditProbabilities { away, near: NEAR_AUDITS * away }
     }
 }
 
@@ -41,7 +41,7 @@ pub struct Chunk {
     /// Pixels by which boundaries are dilated, 0 or 1.
     pub dilate: u32,
     /// How often lit and shadowed candidates are audited.
-    pub audits: AuditChances,
+    pub audits: AuditProbabilities,
 }
 
 shared_struct! {

@@ -19,9 +19,9 @@ shared_struct! {
         pub light_samples: u32,
         /// Words of visibilities of a candidate: 32 light points each.
         pub visibility_words: u32,
-        /// See [`AuditChances::away`](super::classify::AuditChances::away).
+        /// See [`AuditProbabilities::away`](super::classify::AuditProbabilities::away).
         pub audit_away: f32,
-        /// See [`AuditChances::near`](super::classify::AuditChances::near).
+        /// See [`AuditProbabilities::near`](super::classify::AuditProbabilities::near).
         pub audit_near: f32,
         /// Whether `shade_sampled` adds all terms to all points, where the kernels have a queue.
         pub at_once: u32,

@@ -122,13 +122,13 @@ impl Renderer<'_> {
     }
 
     /// Whether a decision is due on which pixels get more samples, in adaptive sampling with a fixed budget.
-    pub(super) fn is_to_share(&self) -> bool {
-        self.settings.image.shares_samples() && self.is_decision_due()
+    pub(super) fn is_allocation_due(&self) -> bool {
+        self.settings.image.allocates_samples() && self.is_decision_due()
     }
 
     /// Decides which pixels get samples until the mean is twice as large as now, unless this is decided already.
-    pub(super) fn share_samples(&mut self) -> Result<()> {
-        if !self.is_to_share() {
+    pub(super) fn allocate_samples(&mut self) -> Result<()> {
+        if !self.is_allocation_due() {
             return Ok(());
         }
         let start = Instant::now();
@@ -138,18 +138,18 @@ impl Renderer<'_> {
         };
         let mean = self.samples.saturating_mul(2);
         if let Some(blocks) = &mut self.blocks {
-            blocks.share_out(&errors, mean);
+            blocks.allocate_samples(&errors, mean);
         }
         let seconds = start.elapsed().as_secs_f64();
         self.totals.time_render += seconds;
-        self.seconds_to_share = Some(seconds);
+        self.seconds_to_allocate = Some(seconds);
         Ok(())
     }
 
     /// The relMSE of the raw image by the error that its samples do not share, if noise decides which pixels get
     /// samples.
     pub(super) fn noise_of_samples(&mut self) -> Result<Option<f64>> {
-        if !self.settings.image.shares_samples() || self.samples < 2 {
+        if !self.settings.image.allocates_samples() || self.samples < 2 {
             return Ok(None);
         }
         let of_pixels = self.raw_errors()?;

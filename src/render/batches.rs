@@ -60,7 +60,7 @@ impl Renderer<'_> {
         if self.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());
         }
-        self.share_samples()?;
+        self.allocate_samples()?;
         let begun = Instant::now();
         let batch = self.blocks_of_batch();
         let first_sample = self.first_sample(batch.as_ref());

@@ -88,7 +88,7 @@ impl Blocks {
         if image.noise.is_some() {
             Some(Blocks::new(image, SIDE, image.spp.min(MIN_SAMPLES)))
         } else {
-            image.shares_samples().then(|| Blocks::new(image, 1, 2))
+            image.allocates_samples().then(|| Blocks::new(image, 1, 2))
         }
     }
 
@@ -163,7 +163,7 @@ impl Blocks {
     /// variances of samples (Neyman 1934). A pixel's number depends on the pixels around it, whose samples are
     /// independent of its own. Otherwise pixels that look clean by chance would stay so, and the image would be too
     /// dark.
-    pub fn share_out(&mut self, errors: &[f64], mean: u32) {
+    pub fn allocate_samples(&mut self, errors: &[f64], mean: u32) {
         let logarithms = self.logarithms_of_shares(errors);
         let [fewest, most] = DOUBLINGS;
         let target = |pixel: usize, scale: i32| {
@@ -438,35 +438,35 @@ mod tests {
     }
 
     /// Gives all pixels their part of what was decided; the batches as numbers of pixels, first samples and samples.
-    fn add_part(shared: &mut Blocks, layers: u32, mean: u32) -> Vec<(usize, u32, u32)> {
-        let batches = shared.part(layers, mean);
-        shared.add(&batches);
+    fn add_part(blocks: &mut Blocks, layers: u32, mean: u32) -> Vec<(usize, u32, u32)> {
+        let batches = blocks.part(layers, mean);
+        blocks.add(&batches);
         batches.into_iter().map(|batch| (batch.blocks.len(), batch.first_sample, batch.missing)).collect()
     }
 
     /// The first two samples are for all pixels, one at a time.
     #[test]
     fn all_pixels_get_two_samples() {
-        let mut shared = pixels(3, 2, 100);
-        assert_eq!(add_part(&mut shared, 1, 0), [(6, 0, 1)]);
-        assert!(!shared.is_complete());
-        assert_eq!(add_part(&mut shared, 1, 1), [(6, 1, 1)]);
-        assert!(shared.is_complete() && shared.samples == [2; 6]);
+        let mut blocks = pixels(3, 2, 100);
+        assert_eq!(add_part(&mut blocks, 1, 0), [(6, 0, 1)]);
+        assert!(!blocks.is_complete());
+        assert_eq!(add_part(&mut blocks, 1, 1), [(6, 1, 1)]);
+        assert!(blocks.is_complete() && blocks.samples == [2; 6]);
     }
 
     /// Pixels around a noisy one get most, and that pixel itself, like those far away, fewest: its own samples do not
     /// decide. The mean is what was requested, but for less than one in a hundred.
     #[test]
     fn noise_around_a_pixel_brings_samples() {
-        let mut shared = pixels(40, 40, 100);
-        add_part(&mut shared, 2, 0);
+        let mut blocks = pixels(40, 40, 100);
+        add_part(&mut blocks, 2, 0);
         let noisy = 20 * 40 + 20;
         let mut errors = vec![0.0; 40 * 40];
         errors[noisy] = 0.5;
-        shared.share_out(&errors, 8);
+        blocks.allocate_samples(&errors, 8);
         let target = |x: usize, y: usize| {
             let of_block = |next: &&Next| next.block as usize == y * 40 + x;
-            shared.next.iter().find(of_block).map_or(2, |next| next.target)
+            blocks.next.iter().find(of_block).map_or(2, |next| next.target)
         };
         let around: Vec<u32> =
             (18..23).flat_map(|y| (18..23).map(move |x| (x, y))).map(|(x, y)| target(x, y)).collect();
@@ -482,13 +482,13 @@ mod tests {
     #[test]
     fn samples_follow_the_square_root_of_the_variance() {
         // Halves of an image, one with four times the variance: twice the samples.
-        let mut shared = pixels(64, 16, 100);
-        add_part(&mut shared, 2, 0);
+        let mut blocks = pixels(64, 16, 100);
+        add_part(&mut blocks, 2, 0);
         let errors: Vec<f64> = (0..64 * 16).map(|pixel| if pixel % 64 < 32 { 0.04 } else { 0.01 }).collect();
-        shared.share_out(&errors, 16);
+        blocks.allocate_samples(&errors, 16);
         let mean_of = |columns: Range<usize>| {
             let of_columns = |next: &&Next| columns.contains(&(next.block as usize % 64));
-            let targets: Vec<u32> = shared.next.iter().filter(of_columns).map(|next| next.target).collect();
+            let targets: Vec<u32> = blocks.next.iter().filter(of_columns).map(|next| next.target).collect();
             assert!(targets.len() == 12 * 16, "{}", targets.len());
             f64::from(targets.iter().sum::<u32>()) / targets.len() as f64
         };
@@ -500,31 +500,31 @@ mod tests {
     /// Batches end at powers of two, in the order of their samples, and a part of a step is that part of its samples.
     #[test]
     fn batches_end_at_powers_of_two() {
-        let mut shared = pixels(4, 1, 100);
-        shared.samples = vec![2, 4, 4, 8];
+        let mut blocks = pixels(4, 1, 100);
+        blocks.samples = vec![2, 4, 4, 8];
         let next = |(block, target): (u32, u32)| Next { block, target };
-        shared.next = [(0, 16), (1, 4), (2, 8), (3, 32)].map(next).into();
+        blocks.next = [(0, 16), (1, 4), (2, 8), (3, 32)].map(next).into();
         let numbers = |batches: Vec<Batch>| -> Vec<(Vec<u32>, u32, u32)> {
             batches.into_iter().map(|batch| (batch.blocks, batch.first_sample, batch.missing)).collect()
         };
         let whole = [(vec![0], 2, 2), (vec![0, 2], 4, 4), (vec![0, 3], 8, 8), (vec![3], 16, 16)];
-        assert_eq!(numbers(shared.part(8, 8)), whole);
+        assert_eq!(numbers(blocks.part(8, 8)), whole);
         let quarter = [(vec![0], 2, 2), (vec![2], 4, 1), (vec![0], 4, 2), (vec![3], 8, 6)];
-        assert_eq!(numbers(shared.part(2, 8)), quarter);
+        assert_eq!(numbers(blocks.part(2, 8)), quarter);
     }
 
     /// Without a decision each pixel doubles its samples, a part at a time.
     #[test]
     fn numbers_of_samples_are_doubled() {
-        let mut shared = pixels(4, 1, 100);
-        shared.samples = vec![2, 4, 4, 8];
-        shared.next.clear();
-        shared.double();
-        assert!(!shared.is_complete());
-        assert_eq!(add_part(&mut shared, 1, 4), [(1, 2, 1), (2, 4, 1), (1, 8, 2)]);
-        assert_eq!(shared.samples, [3, 5, 5, 10]);
-        add_part(&mut shared, 3, 5);
-        assert!(shared.is_complete() && shared.samples == [4, 8, 8, 16], "{:?}", shared.samples);
+        let mut blocks = pixels(4, 1, 100);
+        blocks.samples = vec![2, 4, 4, 8];
+        blocks.next.clear();
+        blocks.double();
+        assert!(!blocks.is_complete());
+        assert_eq!(add_part(&mut blocks, 1, 4), [(1, 2, 1), (2, 4, 1), (1, 8, 2)]);
+        assert_eq!(blocks.samples, [3, 5, 5, 10]);
+        add_part(&mut blocks, 3, 5);
+        assert!(blocks.is_complete() && blocks.samples == [4, 8, 8, 16], "{:?}", blocks.samples);
     }
 
     /// Without noise anywhere all pixels get the same, and so does a single pixel.
@@ -532,11 +532,11 @@ mod tests {
     fn equal_pixels_share_equally() {
         for [width, height] in [[1, 1], [1, 9], [12, 10]] {
             for error in [0.0, 0.01, f64::INFINITY] {
-                let mut shared = pixels(width, height, 100);
-                add_part(&mut shared, 2, 0);
-                shared.share_out(&vec![error; (width * height) as usize], 4);
-                assert!(shared.next.iter().all(|next| next.target == 4), "{width} x {height}");
-                assert_eq!(shared.next.len(), (width * height) as usize);
+                let mut blocks = pixels(width, height, 100);
+                add_part(&mut blocks, 2, 0);
+                blocks.allocate_samples(&vec![error; (width * height) as usize], 4);
+                assert!(blocks.next.iter().all(|next| next.target == 4), "{width} x {height}");
+                assert_eq!(blocks.next.len(), (width * height) as usize);
             }
         }
     }

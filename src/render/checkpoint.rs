@@ -119,7 +119,7 @@ impl Checkpoint {
     }
 
     /// Adds the fingerprint of the renderer that made the checkpoint.
-    pub(super) fn signed(mut self, fingerprint: String) -> Checkpoint {
+    pub(super) fn with_fingerprint(mut self, fingerprint: String) -> Checkpoint {
         self.header.fingerprint = fingerprint;
         self
     }

@@ -2,20 +2,21 @@
 //! files of `src/techniques/` decide what runs for a sample.
 
 mod adaptive_sampling;
+mod backup;
 mod batches;
 mod blocks;
 mod checkpoint;
 mod conditioning;
 pub mod denoise;
 mod denoised;
+mod empty_image;
 pub mod film;
 mod growth;
 mod inspection;
-mod keeping;
-mod look;
 mod noisy;
 mod notes;
 mod output;
+mod photon_benefit;
 pub mod photons;
 mod picture;
 pub mod pieces;
@@ -27,8 +28,7 @@ mod stages;
 mod tiles;
 mod time_limit;
 mod trial;
-mod unseen;
-mod worth;
+mod views;
 
 pub use batches::Progress;
 pub use checkpoint::Checkpoint;

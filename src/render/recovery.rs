@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
+use super::backup::Backup;
 use super::checkpoint::Checkpoint;
-use super::keeping::Keeping;
 use super::output;
 use super::renderer::Renderer;
 use crate::{Error, Image, Result, Statistics};
@@ -110,16 +110,16 @@ fn begin<'g>(
         renderer.resume_from(from)?;
     }
     renderer.totals.devices_lost += losses;
-    renderer.keeping = Some(Keeping::new());
+    renderer.backup = Some(Backup::new());
     Ok(renderer)
 }
 
 impl Renderer<'_> {
     /// Keeps the state of the samples, if the caller wants this and it is due.
     pub(super) fn keep(&mut self) -> Result<()> {
-        if self.keeping.as_ref().is_some_and(Keeping::is_due) {
+        if self.backup.as_ref().is_some_and(Backup::is_due) {
             let start = Instant::now();
-            self.keeping = Some(Keeping::of(self.unsigned_checkpoint()?, start));
+            self.backup = Some(Backup::of(self.checkpoint_without_fingerprint()?, start));
         }
         Ok(())
     }
@@ -127,12 +127,12 @@ impl Renderer<'_> {
     /// Image, statistics and checkpoint of the state kept last, without the device. The renderer cannot be used
     /// afterwards.
     fn salvage(&mut self) -> Option<Box<Salvage>> {
-        let kept = self.keeping.take()?.state?;
+        let kept = self.backup.take()?.state?;
         self.samples = kept.header.samples;
         self.blocks.clone_from(&kept.header.blocks);
         self.totals = kept.header.totals.clone();
         let image = output::image(self, Some(&kept)).ok()?;
         let statistics = output::statistics(self, self.without_earlier_renders(self.gpu.known_pass_times()));
-        Some(Box::new(Salvage { image, statistics, checkpoint: kept.signed(self.fingerprint()) }))
+        Some(Box::new(Salvage { image, statistics, checkpoint: kept.with_fingerprint(self.fingerprint()) }))
     }
 }

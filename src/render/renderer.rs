@@ -5,14 +5,14 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
+use super::backup::Backup;
 use super::blocks::{Blocks, PixelErrors};
 use super::growth::Growth;
-use super::keeping::Keeping;
 use super::notes::notes;
+use super::photon_benefit::of_first_sample;
 use super::pieces::PieceSums;
 use super::stages::{grows, settings_of_stage, stage};
 use super::tiles::{TileFilm, TileSize};
-use super::worth::of_first_sample;
 use crate::Result;
 use crate::bvh::Bvh;
 use crate::gpu_scene::lights::LightInfo;
@@ -58,12 +58,12 @@ pub struct Renderer<'g> {
     /// The estimates that decide when records get more gather rays; `None` before the first sample.
     pub(super) growth: Option<Growth>,
     /// The global map of the first stage, for the next view. `None` while that map is in use, and before
-    /// [`Renderer::look`] was called.
+    /// [`Renderer::set_view`] was called.
     pub(super) first_map: Option<GlobalMap>,
     /// The irradiance records of earlier previews, unless they are in use.
     pub(super) kept_records: Option<Records>,
-    /// Whether the view is a preview ([`Renderer::glance`]), which also uses the records of earlier previews.
-    pub(super) is_glance: bool,
+    /// Whether the view is a preview ([`Renderer::preview`]), which also uses the records of earlier previews.
+    pub(super) is_preview: bool,
     /// Whether other views preceded this one.
     pub(super) has_other_views: bool,
     pub(super) buffers: TileBuffers,
@@ -86,13 +86,13 @@ pub struct Renderer<'g> {
     /// Seconds of one sample of every pixel, by the last batch; `None` before the first batch.
     pub(super) seconds_per_sample: Option<f64>,
     /// Seconds of the last decision on which pixels get more samples, in adaptive sampling with a fixed budget.
-    pub(super) seconds_to_share: Option<f64>,
+    pub(super) seconds_to_allocate: Option<f64>,
     /// [`Gpu::pass_times`] before the render: those of earlier renders on this device.
     pub(super) earlier_pass_times: BTreeMap<String, f64>,
     /// The sums of a piece; `None` for other renders, whose sums are in the film.
     pub(super) piece_sums: Option<PieceSums>,
-    /// The state that is kept in case the device is lost; `None` if the caller does not request this.
-    pub(super) keeping: Option<Keeping>,
+    /// A copy of the state in case the device is lost; `None` if the caller does not request this.
+    pub(super) backup: Option<Backup>,
 }
 
 impl<'g> Renderer<'g> {
@@ -108,7 +108,8 @@ impl<'g> Renderer<'g> {
 
     /// Like [`Renderer::new`], with features switched on or off whatever the scene needs, to measure the cost of each.
     /// Kernels, buffers and tables follow the switches until the trial of photons ends without them (to avoid this,
-    /// request photons), or until [`Renderer::look`] is called. Visibility photons are emitted before the first sample.
+    /// request photons), or until [`Renderer::set_view`] is called. Visibility photons are emitted before the first
+    /// sample.
     ///
     /// # Errors
     /// Those of [`Renderer::new`], and [`crate::Error::Kernel`] for a feature that lacks what only a scene that needs
@@ -124,13 +125,13 @@ impl<'g> Renderer<'g> {
         Renderer::specialised(gpu, scene, camera, settings, settings.image.spp, forced)
     }
 
-    /// Like [`Renderer::new`], but begins with a preview of `size`: see [`Renderer::glance`]. It has visibility photons
-    /// only if they are requested or shown, because a single sample traces few shadow rays. [`Renderer::look`] begins
-    /// the image.
+    /// Like [`Renderer::new`], but begins with a preview of `size`: see [`Renderer::preview`]. It has visibility photons
+    /// only if they are requested or shown, because a single sample traces few shadow rays. [`Renderer::set_view`]
+    /// begins the image.
     ///
     /// # Errors
     /// Those of [`Renderer::new`].
-    pub fn with_glance(
+    pub fn with_preview(
         gpu: &'g Gpu,
         scene: Scene,
         camera: &Camera,
@@ -139,7 +140,7 @@ impl<'g> Renderer<'g> {
     ) -> Result<Renderer<'g>> {
         let settings = settings.clone().with(|s| (s.image.width, s.image.height) = (width, height));
         let mut renderer = Renderer::specialised(gpu, scene, camera, &settings, 1, &[])?;
-        (renderer.is_glance, renderer.has_other_views) = (true, true);
+        (renderer.is_preview, renderer.has_other_views) = (true, true);
         Ok(renderer)
     }
 
@@ -206,7 +207,7 @@ impl<'g> Renderer<'g> {
             growth: None,
             first_map: None,
             kept_records: None,
-            is_glance: false,
+            is_preview: false,
             has_other_views: false,
             buffers,
             tiles,
@@ -220,9 +221,9 @@ impl<'g> Renderer<'g> {
             batches: 0,
             totals,
             seconds_per_sample: None,
-            seconds_to_share: None,
+            seconds_to_allocate: None,
             earlier_pass_times,
-            keeping: None,
+            backup: None,
         })
     }
 

@@ -17,7 +17,7 @@ impl Renderer<'_> {
     /// # Errors
     /// Those of [`kernel_kit::Gpu::read`].
     pub fn checkpoint(&self) -> Result<Checkpoint> {
-        Ok(self.unsigned_checkpoint()?.signed(self.fingerprint()))
+        Ok(self.checkpoint_without_fingerprint()?.with_fingerprint(self.fingerprint()))
     }
 
     /// Writes the file for [`Renderer::resume`]. The old file remains until the new one is complete.
@@ -30,7 +30,7 @@ impl Renderer<'_> {
 
     /// Like [`Renderer::checkpoint`], for a renderer of the same scene and settings: it has no fingerprint, because
     /// computing that takes longer than everything else.
-    pub(super) fn unsigned_checkpoint(&self) -> Result<Checkpoint> {
+    pub(super) fn checkpoint_without_fingerprint(&self) -> Result<Checkpoint> {
         let mut words = Vec::new();
         match &self.piece_sums {
             Some(sums) => words.extend(sums.words()),

@@ -23,7 +23,7 @@ const MARGIN_FOR_KERNELS: u32 = 2;
 /// Expected time of a sample whose pixels are chosen by adaptive sampling, over that of one sample of all pixels, until
 /// it has been measured: pixels in penumbrae trace more rays (1.1 to 2.7 times in seven scenes; docs/decisions.md,
 /// "Samples shared out"). The first decision on pixels takes about as long as a sample of all pixels.
-const SHARED_SAMPLE: f64 = 2.0;
+const ALLOCATED_SAMPLE: f64 = 2.0;
 
 /// Expected times of samples.
 #[derive(Clone, Copy)]
@@ -92,7 +92,7 @@ impl Renderer<'_> {
         if self.expected().is_none_or(|expected| expected.of(1) <= seconds) {
             return true;
         }
-        let fits_alone = self.is_to_share() && self.seconds_of_sample().is_some_and(|sample| sample <= seconds);
+        let fits_alone = self.is_allocation_due() && self.seconds_of_sample().is_some_and(|sample| sample <= seconds);
         if let Some(blocks) = self.blocks.as_mut().filter(|_| fits_alone) {
             blocks.double();
         }
@@ -102,10 +102,10 @@ impl Renderer<'_> {
     /// Expected times of the next samples; `None` before the first batch.
     fn expected(&self) -> Option<Expected> {
         let sample = self.seconds_of_sample()?;
-        Some(match self.seconds_to_share {
-            _ if !self.is_to_share() => Expected { before: 0.0, sample },
+        Some(match self.seconds_to_allocate {
+            _ if !self.is_allocation_due() => Expected { before: 0.0, sample },
             Some(before) => Expected { before, sample },
-            None => Expected { before: sample, sample: SHARED_SAMPLE * sample },
+            None => Expected { before: sample, sample: ALLOCATED_SAMPLE * sample },
         })
     }
 

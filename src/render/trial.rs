@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
+use super::photon_benefit::{TRIAL_SAMPLES, decide_enough, is_on_trial, problem_of_photons, without_photons};
 use super::renderer::Renderer;
-use super::worth::{TRIAL_SAMPLES, decide_enough, is_on_trial, problem_of_photons, without_photons};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::light_transport::direct_light::DirectLightKernels;
@@ -105,8 +105,8 @@ impl Renderer<'_> {
         if !ends || !is_on_trial(&self.specialisation, &self.settings) {
             return Ok(());
         }
-        let is_shared = self.settings.image.shares_samples();
-        if decide_enough(counted, samples, &self.totals.points(), is_shared) {
+        let is_allocated = self.settings.image.allocates_samples();
+        if decide_enough(counted, samples, &self.totals.points(), is_allocated) {
             Ok(())
         } else {
             self.leave_out_photons()

@@ -14,7 +14,7 @@ use super::notes::Notes;
 use super::texture::{ColourSpace, Texture, TextureInfo};
 use crate::Result;
 
-use lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use lobe::{Layout, Lobe, LobeContext, ReadTexture};
 use lobes::*;
 use specular_glossiness::{Converted, INFINITE_IOR};
 
@@ -125,9 +125,9 @@ macro_rules! material {
                 std::iter::empty()$(.chain(self.$lobe.textures()))*
             }
 
-            fn lobe_texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]> {
+            fn lobe_texels(&self, context: &LobeContext) -> Vec<[f32; 4]> {
                 let mut texels = Vec::new();
-                $(texels.extend(self.$lobe.texels(surroundings));)*
+                $(texels.extend(self.$lobe.texels(context));)*
                 texels
             }
 
@@ -256,7 +256,7 @@ impl Material {
             [self.roughness, f0, self.normal_scale, cutoff],
             [red, green, blue, 0.0],
         ];
-        let lobes = self.lobe_texels(&Surroundings { scale, ior: self.ior, outside, absorption });
+        let lobes = self.lobe_texels(&LobeContext { scale, ior: self.ior, outside, absorption });
         let textures = infos.iter().enumerate().fold(0, |mask, (i, info)| mask | u32::from(*info != 0) << i);
         let mut words = vec![flags | textures << FLAG_BITS];
         words.extend(infos);

@@ -47,8 +47,8 @@ impl Repeated {
         self.triangles.saturating_mul(self.copies)
     }
 
-    /// Number of triangles that it spares to store the mesh once.
-    fn spared(&self) -> usize {
+    /// Number of triangles that storing the mesh once saves.
+    fn saved_triangles(&self) -> usize {
         self.triangles.saturating_mul(self.shareable.saturating_sub(1))
     }
 }
@@ -87,16 +87,16 @@ impl Repeats {
     pub fn decide(&mut self) {
         let mut rest = self.copied_triangles();
         let mut order: Vec<usize> = (0..self.meshes.len()).collect();
-        order.sort_by_key(|&i| Reverse(self.meshes[i].spared()));
+        order.sort_by_key(|&i| Reverse(self.meshes[i].saved_triangles()));
         let (mut instances, mut largest) = (0, 1);
         for i in order {
             let mesh = &mut self.meshes[i];
-            if rest <= self.limit || mesh.spared() == 0 {
+            if rest <= self.limit || mesh.saved_triangles() == 0 {
                 break;
             }
             let all_instances = instances + mesh.shareable;
             let all_largest = mesh.triangles.next_power_of_two().max(largest);
-            let left = rest - mesh.spared();
+            let left = rest - mesh.saved_triangles();
             // The same count as in src/bvh/instanced.rs, with one instance for the rest.
             let indices = all_largest.saturating_mul(all_instances + 1).saturating_add(left);
             if mesh.triangles >= MIN_TRIANGLES && indices <= MAX_PRIMITIVES {

@@ -148,7 +148,7 @@ impl ImageSettings {
 
     /// Whether adaptive sampling has a fixed budget: pixels with noise around them get more samples than others. With
     /// `noise`, blocks get samples until their error is small enough instead.
-    pub(crate) fn shares_samples(&self) -> bool {
+    pub(crate) fn allocates_samples(&self) -> bool {
         self.sampling == Sampling::Adaptive && self.spp > 2 && self.noise.is_none()
     }
 }

@@ -72,7 +72,7 @@ impl Specialisation {
         }
         let cost = format!("{} of lists, and up to {} of film", bytes_text(pixels * 8), bytes_text(pixels * 4 * 32));
         let noise = settings.image.noise;
-        let adaptive = noise.is_some() || settings.image.shares_samples();
+        let adaptive = noise.is_some() || settings.image.allocates_samples();
         let reason = noise.map_or_else(
             || "pixels with noise around them get more samples".to_owned(),
             |noise| format!("pixels get samples until their relMSE is {noise}"),

@@ -247,7 +247,7 @@ impl Panel {
         self.copy(ui, snapshot, requests);
         if let Some(picked) = &snapshot.picked {
             ui.separator();
-            what_is_there(ui, picked);
+            picked_details(ui, picked);
         }
     }
 
@@ -470,7 +470,7 @@ fn light(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
     }
 }
 
-fn what_is_there(ui: &mut Ui, picked: &Picked) {
+fn picked_details(ui: &mut Ui, picked: &Picked) {
     let [x, y] = picked.at.map(|x| 100.0 * x);
     ui.label(format!("at {x:.0} % from the left, {y:.0} % from the top"));
     match &picked.hit {

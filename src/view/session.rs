@@ -600,7 +600,7 @@ struct Render<'g> {
     camera: Camera,
     size: [u32; 2],
     /// It is seen for a moment only.
-    is_glance: bool,
+    is_preview: bool,
     /// It is the first picture.
     is_first: bool,
     photons: Option<Vec<VisibilityPhoton>>,
@@ -737,8 +737,8 @@ impl<'g> Session<'g> {
                 let full = self.state.full_size();
                 let size = if is_moving { self.state.divided_size(self.state.divisor) } else { full };
                 let is_there = render.size == size || (is_moving && render.size == full);
-                let keeps = render.eye == eye && is_there && (is_moving || !render.is_glance);
-                if keeps { Ok(()) } else { render.look(&eye, camera, size, is_moving) }
+                let keeps = render.eye == eye && is_there && (is_moving || !render.is_preview);
+                if keeps { Ok(()) } else { render.set_view(&eye, camera, size, is_moving) }
             }
             // The last picture is shown in the new size until the size stays.
             Some(render) if is_moving && render.subject.is_resized(&subject) => return Ok(false),
@@ -774,10 +774,10 @@ impl<'g> Session<'g> {
         self.state.picked.iter_mut().for_each(|picked| picked.nearest = None);
         // A small picture comes first, as while the camera moves; visibility photons come after it.
         let size = self.state.divided_size(FIRST_DIVISOR);
-        let renderer = Renderer::with_glance(self.gpu, scene.clone(), &camera, &subject.settings, size)?;
+        let renderer = Renderer::with_preview(self.gpu, scene.clone(), &camera, &subject.settings, size)?;
         self.state.message = None;
-        let (is_glance, is_first) = (true, true);
-        self.render = Some(Render { renderer, subject, eye, camera, size, is_glance, is_first, photons: None });
+        let (is_preview, is_first) = (true, true);
+        self.render = Some(Render { renderer, subject, eye, camera, size, is_preview, is_first, photons: None });
         Ok(())
     }
 
@@ -794,7 +794,7 @@ impl<'g> Session<'g> {
         } else {
             renderer.render_batch()?
         };
-        self.state.is_complete = !render.is_glance && !renderer.wants_samples(&self.denoiser)?;
+        self.state.is_complete = !render.is_preview && !renderer.wants_samples(&self.denoiser)?;
         self.state.samples = renderer.samples();
         let is_denoised = self.state.choices.display.denoised && self.denoiser.choice() != Denoise::None;
         // Denoising takes as long as some samples.
@@ -842,16 +842,16 @@ impl<'g> Session<'g> {
 }
 
 impl Render<'_> {
-    fn look(&mut self, eye: &Eye, camera: Camera, size: [u32; 2], is_glance: bool) -> Result<()> {
-        if is_glance {
-            self.renderer.glance(&camera, size)?;
+    fn set_view(&mut self, eye: &Eye, camera: Camera, size: [u32; 2], is_preview: bool) -> Result<()> {
+        if is_preview {
+            self.renderer.preview(&camera, size)?;
         } else {
-            self.renderer.look(&camera, size)?;
+            self.renderer.set_view(&camera, size)?;
             // It may have made others.
             self.photons = None;
         }
         (self.eye, self.camera, self.size) = (eye.clone(), camera, size);
-        (self.is_glance, self.is_first) = (is_glance, false);
+        (self.is_preview, self.is_first) = (is_preview, false);
         Ok(())
     }
 

@@ -111,7 +111,7 @@ impl ApplicationHandler<Event> for Application {
     }
 
     fn user_event(&mut self, events: &ActiveEventLoop, event: Event) {
-        self.attempt(events, |view| view.hear(event).map(|()| true));
+        self.attempt(events, |view| view.handle_event(event).map(|()| true));
     }
 
     fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
@@ -187,7 +187,7 @@ impl View {
     }
 
     /// Handles an event of the worker.
-    fn hear(&mut self, event: Event) -> Result<()> {
+    fn handle_event(&mut self, event: Event) -> Result<()> {
         match event {
             Event::Picture => {
                 let Some(snapshot) = self.worker.take() else { return Ok(()) };

@@ -201,17 +201,17 @@ fn each_view_has_a_trial_of_its_own() {
     for (shadows, has_them) in [(Shadows::Simple, true), (Shadows::Edges, false), (Shadows::Penumbrae, false)] {
         let settings = settings(Technique::SHADOW_PHOTONS);
         let mut new = renderer(shadows, &settings);
-        let mut looking = Renderer::with_glance(gpu(), slats(shadows), &view(), &settings, [16, 16]).unwrap();
-        looking.render_up_to(1).unwrap();
+        let mut viewed = Renderer::with_preview(gpu(), slats(shadows), &view(), &settings, [16, 16]).unwrap();
+        viewed.render_up_to(1).unwrap();
         render_to(&mut new, 16);
         for _ in 0..2 {
-            looking.look(&view(), [128, 128]).unwrap();
-            assert!(!has_photons(&looking));
-            render_to(&mut looking, 16);
-            assert_eq!([&new, &looking].map(has_photons), [has_them; 2]);
-            assert!(looking.image().unwrap().channels == new.image().unwrap().channels);
-            looking.glance(&view(), [16, 16]).unwrap();
-            looking.render_up_to(1).unwrap();
+            viewed.set_view(&view(), [128, 128]).unwrap();
+            assert!(!has_photons(&viewed));
+            render_to(&mut viewed, 16);
+            assert_eq!([&new, &viewed].map(has_photons), [has_them; 2]);
+            assert!(viewed.image().unwrap().channels == new.image().unwrap().channels);
+            viewed.preview(&view(), [16, 16]).unwrap();
+            viewed.render_up_to(1).unwrap();
         }
     }
 }
@@ -219,7 +219,7 @@ fn each_view_has_a_trial_of_its_own() {
 /// A scene with several lights, textures, glossy surfaces and caustics: the kernels and maps that a preview leaves for
 /// the following view give the bits of a new renderer, although only the view has visibility photons, with light tags.
 #[test]
-fn a_view_after_a_glance_has_the_bits_of_a_new_renderer() {
+fn a_view_after_a_preview_has_the_bits_of_a_new_renderer() {
     let mut scene = Scene::load(scene_file("still_life.glb"), &ImportOptions::default()).unwrap();
     let camera = scene.cameras[0].clone();
     // Without them too many shadow rays are in penumbrae for photons to be emitted.
@@ -231,12 +231,12 @@ fn a_view_after_a_glance_has_the_bits_of_a_new_renderer() {
     // Enough samples for photons to pay off in a small image; four are compared.
     let settings = Settings::builder().size(32, 24).spp(16_384).build().unwrap();
     let mut new = Renderer::new(gpu(), scene.clone(), &camera, &settings).unwrap();
-    let mut looking = Renderer::with_glance(gpu(), scene, &camera, &settings, [8, 6]).unwrap();
-    looking.render_up_to(1).unwrap();
-    looking.look(&camera, [32, 24]).unwrap();
-    for renderer in [&mut new, &mut looking] {
+    let mut viewed = Renderer::with_preview(gpu(), scene, &camera, &settings, [8, 6]).unwrap();
+    viewed.render_up_to(1).unwrap();
+    viewed.set_view(&camera, [32, 24]).unwrap();
+    for renderer in [&mut new, &mut viewed] {
         render_to(renderer, 4);
         assert!(has_photons(renderer), "photons do not pay");
     }
-    assert!(looking.image().unwrap().channels == new.image().unwrap().channels);
+    assert!(viewed.image().unwrap().channels == new.image().unwrap().channels);
 }

@@ -7,7 +7,7 @@ use glam::{DVec3, UVec3, Vec3};
 use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::kernels::{Class, Classified, GridShape, INVALID_POINT};
 use penumbra::internal::passes::cells::{CellGrid, CellPoint, Cells};
-use penumbra::internal::passes::classify::{AuditChances, Chunk};
+use penumbra::internal::passes::classify::{AuditProbabilities, Chunk};
 use penumbra::internal::passes::{Point, TileBuffers};
 use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::Technique;
@@ -253,7 +253,11 @@ fn points_have_the_class_of_their_cell(gpu: &Gpu) {
     let classes = gpu.poisoned::<u32>("test/classes", candidates + 3).unwrap();
     let bound = pass.bind(gpu, &buffers, &table, &classes, &stage.gpu_scene).unwrap();
     let mut frame = gpu.frame("test");
-    bound.record(&mut frame, &tile, &Chunk { first_light: 1, lights: 2, dilate: 0, audits: AuditChances::default() });
+    bound.record(
+        &mut frame,
+        &tile,
+        &Chunk { first_light: 1, lights: 2, dilate: 0, audits: AuditProbabilities::default() },
+    );
     frame.submit().unwrap();
     let got: Vec<u32> = gpu.read(&classes, candidates + 3).unwrap();
     for (candidate, got) in got[..candidates].iter().enumerate() {

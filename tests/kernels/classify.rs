@@ -7,7 +7,7 @@ use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::kernels::{
     CLASSIFY_CANDIDATES, CellKind, Class, Classified, GridShape, INVALID_POINT, Queue, ShownCell,
 };
-use penumbra::internal::passes::classify::{AuditChances, Chunk, Classify, ClassifyBuffers, ShowCells};
+use penumbra::internal::passes::classify::{AuditProbabilities, Chunk, Classify, ClassifyBuffers, ShowCells};
 use penumbra::internal::passes::grid::{Grid, Photon};
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -54,7 +54,7 @@ impl<'a> Setup<'a> {
             point_count: count,
             ..Tile::default()
         };
-        let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditChances::default() };
+        let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditProbabilities::default() };
         Setup {
             photons,
             points,
@@ -297,7 +297,7 @@ fn queues_hold_what_the_classes_say(gpu: &Gpu) {
     let mut setup = Setup::new(&photons, &points, shape, 50);
     let undilated = setup.run(gpu).words;
     setup.tile = Tile { width, height, columns: width, rows: height, ..setup.tile };
-    setup.chunk.audits = AuditChances::of(0.25);
+    setup.chunk.audits = AuditProbabilities::of(0.25);
     for dilate in [0, 1] {
         setup.chunk.dilate = dilate;
         let outcome = setup.run(gpu);
@@ -364,7 +364,7 @@ fn every_number_of_candidates_is_queued(gpu: &Gpu) {
     let each = CLASSIFY_CANDIDATES as usize;
     for count in [1, each - 1, each, each + 1, group - 1, group, group + 1] {
         let mut setup = Setup::new(&photons, &points[..count], shape, 50);
-        setup.chunk.audits = AuditChances::of(1.0);
+        setup.chunk.audits = AuditProbabilities::of(1.0);
         let outcome = setup.run(gpu);
         assert_eq!(outcome.words, all[..count], "{count} candidates");
         let in_class = |classes: [Class; 2]| {

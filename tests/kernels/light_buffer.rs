@@ -6,7 +6,7 @@ use kernel_kit::{Gpu, POISON, kernel_test};
 use penumbra::internal::gpu_scene::light_buffer::LightBuffers;
 use penumbra::internal::gpu_scene::lights::LightInfo;
 use penumbra::internal::kernels::{Class, Classified, INVALID_POINT, occluder};
-use penumbra::internal::passes::classify::{AuditChances, Chunk};
+use penumbra::internal::passes::classify::{AuditProbabilities, Chunk};
 use penumbra::internal::passes::light_buffer::LightBufferPass;
 use penumbra::internal::passes::{Point, TileBuffers};
 use penumbra::internal::scene::{AlphaMode, LightKind, Material, Panorama, Scene};
@@ -179,7 +179,11 @@ impl Setup {
             let classes = gpu.poisoned::<u32>("test/classes", candidates + 3).unwrap();
             let bound = pass.bind(gpu, &tile_buffers, buffers, &classes, &stage.gpu_scene).unwrap();
             let mut frame = gpu.frame("test");
-            bound.record(&mut frame, &tile, &Chunk { first_light, lights, dilate: 0, audits: AuditChances::default() });
+            bound.record(
+                &mut frame,
+                &tile,
+                &Chunk { first_light, lights, dilate: 0, audits: AuditProbabilities::default() },
+            );
             frame.submit().unwrap();
             let words: Vec<u32> = gpu.read(&classes, candidates + 3).unwrap();
             assert!(words[candidates..].iter().all(|word| *word == POISON), "past the end");
@@ -297,7 +301,7 @@ fn full_lists_decide_nothing(gpu: &Gpu) {
         bound.record(
             &mut frame,
             &tile,
-            &Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditChances::default() },
+            &Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditProbabilities::default() },
         );
         frame.submit().unwrap();
         let words: Vec<u32> = gpu.read(&classes, 3).unwrap();

@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_1_PI, PI};
 use glam::{DVec3, Vec3, Vec4};
 use kernel_kit::{Frame, Gpu, POISON, kernel_test};
 use penumbra::internal::kernels::{Class, INVALID_POINT, Queue};
-use penumbra::internal::passes::classify::AuditChances;
+use penumbra::internal::passes::classify::AuditProbabilities;
 use penumbra::internal::passes::shade::{Shade, ShadeBuffers, ShadeParameters};
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::scene::{LightKind, Material, Scene};
@@ -113,7 +113,7 @@ impl Setup {
             queue_lengths: &queue_lengths,
         };
         let bound = pass.bind(gpu, &tile, &buffers, gpu_scene).unwrap();
-        let audits = AuditChances::of(self.audit_probability);
+        let audits = AuditProbabilities::of(self.audit_probability);
         let parameters = ShadeParameters {
             tile: self.candidates.tile,
             first_light: self.candidates.chunk[0],
@@ -200,11 +200,11 @@ impl Setup {
     fn is_audited(&self, i: usize, light: u32, word: u32, fault: Fault) -> bool {
         let (seed, sample) = pixel_of(&self.candidates.tile, i);
         let uniform = f64::from(hash(&[seed, sample, constant("DIMENSION_AUDIT") + light]) >> 8) / 16_777_216.0;
-        uniform < self.audit_chance(word, fault)
+        uniform < self.probability_of_audit(word, fault)
     }
 
     /// Sixteen times as large near boundaries, four times where cells are settled.
-    fn audit_chance(&self, word: u32, fault: Fault) -> f64 {
+    fn probability_of_audit(&self, word: u32, fault: Fault) -> f64 {
         let more = match word >> 21 {
             _ if fault == Fault::Weight => 1.0,
             0 | 2047 => 1.0,
@@ -268,7 +268,7 @@ impl Setup {
         let visible = facing.iter().map(|j| bit(*j)).sum::<f64>() / facing.len().max(1) as f64;
         let mut visibility = if decided { granted } else { visible };
         if decided && fault != Fault::Unaudited && self.is_audited(i, light, word, fault) {
-            let error = (bit(0) - granted) / self.audit_chance(word, fault).min(1.0);
+            let error = (bit(0) - granted) / self.probability_of_audit(word, fault).min(1.0);
             add(error * contribution(audit));
             visibility += error;
         }

@@ -93,7 +93,7 @@ fn the_first_picture_comes_before_photons() {
     assert_eq!(photons(&session), of_render, "of the full size");
 }
 
-/// `Renderer::look` leaves nothing of the view before: not its samples, its audits, or its stage of indirect light.
+/// `Renderer::set_view` leaves nothing of the view before: not its samples, its audits, or its stage of indirect light.
 #[test]
 fn another_look_of_a_renderer_has_the_bits_of_a_new_one() {
     let scene = Scene::load(SPHERE, &ImportOptions::default()).unwrap();
@@ -108,17 +108,17 @@ fn another_look_of_a_renderer_has_the_bits_of_a_new_one() {
             renderer.image().unwrap().rgb().unwrap().map(<[f32]>::to_vec)
         };
         let new = |camera| Renderer::new(gpu(), scene.clone(), camera, &settings).unwrap();
-        let mut looking = new(&scene.cameras[0]);
-        let first = complete(&mut looking);
-        looking.look(&view, [12, 10]).unwrap();
-        looking.render_batch().unwrap();
-        looking.look(&view, [24, 20]).unwrap();
-        assert_eq!(looking.samples(), 0);
-        let second = complete(&mut looking);
+        let mut renderer = new(&scene.cameras[0]);
+        let first = complete(&mut renderer);
+        renderer.set_view(&view, [12, 10]).unwrap();
+        renderer.render_batch().unwrap();
+        renderer.set_view(&view, [24, 20]).unwrap();
+        assert_eq!(renderer.samples(), 0);
+        let second = complete(&mut renderer);
         assert_ne!(first, second);
         assert!(second == complete(&mut new(&view)), "{spp} samples");
-        looking.look(&scene.cameras[0], [24, 20]).unwrap();
-        assert!(first == complete(&mut looking), "and back, {spp} samples");
+        renderer.set_view(&scene.cameras[0], [24, 20]).unwrap();
+        assert!(first == complete(&mut renderer), "and back, {spp} samples");
     }
 }
 

@@ -16,7 +16,7 @@ use penumbra::{Denoiser, Error, Image, Result, Settings};
 
 use super::cache;
 
-pub use scene::{SceneOptions, Surroundings};
+pub use scene::{LoadedPanorama, SceneOptions};
 pub use settings::{PartOptions, RenderOptions, SettingsOptions};
 pub use values::{EntrantParser, denoisers, finite, positive};
 

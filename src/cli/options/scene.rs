@@ -235,7 +235,7 @@ impl SceneOptions {
 }
 
 /// A panorama, and the notes on its file.
-pub struct Surroundings {
+pub struct LoadedPanorama {
     panorama: Arc<Panorama>,
     notes: Vec<String>,
 }
@@ -249,7 +249,7 @@ impl SceneOptions {
     /// The scene, and the camera to render it with. `aspect` is the image's width over its height if the camera does
     /// not decide it.
     pub fn load(&self, aspect: f32) -> Result<(Scene, Camera)> {
-        self.load_first(None, self.surroundings()?.as_ref(), aspect)
+        self.load_first(None, self.load_panorama()?.as_ref(), aspect)
     }
 
     /// Like [`load`](Self::load), `time` seconds after the beginning of the animation if it is given, and within that
@@ -257,12 +257,12 @@ impl SceneOptions {
     pub fn load_first(
         &self,
         time: Option<f64>,
-        surroundings: Option<&Surroundings>,
+        panorama: Option<&LoadedPanorama>,
         aspect: f32,
     ) -> Result<(Scene, Camera)> {
         let mut scene = self.load_at(time.or(self.at))?;
-        if let Some(surroundings) = surroundings {
-            self.surround(&mut scene, surroundings)?;
+        if let Some(panorama) = panorama {
+            self.set_panorama(&mut scene, panorama)?;
         }
         let camera = self.camera(&scene, aspect)?;
         if scene.cameras.is_empty() && self.from.is_none() && self.look_from.is_none() {
@@ -272,7 +272,7 @@ impl SceneOptions {
         Ok((scene, camera))
     }
 
-    /// The scene at this time of its animation in seconds, without surroundings.
+    /// The scene at this time of its animation in seconds, without the panorama.
     pub fn load_at(&self, time: Option<f64>) -> Result<Scene> {
         let Self { default_light, lenient, repeat, .. } = *self;
         let (animation, variant) = (self.animation.clone(), self.variant.clone());
@@ -282,16 +282,16 @@ impl SceneOptions {
     }
 
     /// The panorama around the scene.
-    pub fn surroundings(&self) -> Result<Option<Surroundings>> {
+    pub fn load_panorama(&self) -> Result<Option<LoadedPanorama>> {
         let load = |path: &PathBuf| {
             let (panorama, notes) = Panorama::load(path, self.lenient)?;
-            Ok(Surroundings { panorama: Arc::new(panorama), notes })
+            Ok(LoadedPanorama { panorama: Arc::new(panorama), notes })
         };
         self.environment.as_ref().map(load).transpose()
     }
 
     /// Puts the panorama around a scene.
-    pub fn surround(&self, scene: &mut Scene, Surroundings { panorama, notes }: &Surroundings) -> Result<()> {
+    pub fn set_panorama(&self, scene: &mut Scene, LoadedPanorama { panorama, notes }: &LoadedPanorama) -> Result<()> {
         scene.set_environment(panorama.clone(), self.environment_rotation, self.environment_strength)?;
         scene.notes.extend_from_slice(notes);
         Ok(())

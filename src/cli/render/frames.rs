@@ -9,14 +9,14 @@ use penumbra::{Camera, Result, Scene, Settings};
 use super::arguments::Arguments;
 use super::inputs::{Subject, turntable};
 use super::session::Session;
-use crate::cli::options::Surroundings;
+use crate::cli::options::LoadedPanorama;
 use crate::cli::say;
 use crate::cli::sequence::Frame;
 
 /// What the frames of a sequence have in common with the first.
 struct Sequence<'a> {
     arguments: &'a Arguments,
-    surroundings: Option<&'a Surroundings>,
+    panorama: Option<&'a LoadedPanorama>,
     /// All frames have the size of the first.
     settings: Settings,
     /// The camera of the first frame and its space, if it frames the scene. Another one for each frame would move with
@@ -28,13 +28,13 @@ struct Sequence<'a> {
 }
 
 impl<'a> Sequence<'a> {
-    fn new(arguments: &'a Arguments, first: &Subject, surroundings: Option<&'a Surroundings>) -> Result<Sequence<'a>> {
+    fn new(arguments: &'a Arguments, first: &Subject, panorama: Option<&'a LoadedPanorama>) -> Result<Sequence<'a>> {
         let Subject { scene, camera, settings } = first;
         let is_framed = arguments.scene.frames(scene);
         let views = turntable(arguments, scene)?.unwrap_or_default();
         Ok(Sequence {
             arguments,
-            surroundings,
+            panorama,
             settings: settings.clone(),
             framing: is_framed.then(|| (camera.clone(), scene.normalisation)),
             standing: (!views.is_empty()).then(|| scene.clone()),
@@ -49,8 +49,8 @@ impl<'a> Sequence<'a> {
             Some(scene) => scene.clone(),
             None => arguments.scene.load_at(frame.seconds)?,
         };
-        if let Some(surroundings) = self.surroundings.filter(|_| self.standing.is_none()) {
-            arguments.scene.surround(&mut scene, surroundings)?;
+        if let Some(panorama) = self.panorama.filter(|_| self.standing.is_none()) {
+            arguments.scene.set_panorama(&mut scene, panorama)?;
         }
         let camera = match (self.views.get(frame.number as usize), &self.framing) {
             (Some(camera), _) => camera.clone(),
@@ -73,14 +73,9 @@ impl<'a> Sequence<'a> {
 
 impl Session<'_> {
     /// Renders the missing frames of a sequence; `first` is the first of all frames.
-    pub fn render_sequence(
-        &mut self,
-        gpu: &mut Gpu,
-        first: Subject,
-        surroundings: Option<&Surroundings>,
-    ) -> Result<()> {
+    pub fn render_sequence(&mut self, gpu: &mut Gpu, first: Subject, panorama: Option<&LoadedPanorama>) -> Result<()> {
         let arguments = self.arguments;
-        let sequence = Sequence::new(arguments, &first, surroundings)?;
+        let sequence = Sequence::new(arguments, &first, panorama)?;
         let mut first = Some(first);
         for frame in arguments.sequence.frames().into_iter().flatten() {
             if self.interrupt.raised() {

@@ -9,7 +9,7 @@ use penumbra::internal::report::reference::Reference;
 use penumbra::{Camera, Denoiser, Result, Scene, Settings};
 
 use super::arguments::Arguments;
-use crate::cli::options::{Surroundings, read_reference};
+use crate::cli::options::{LoadedPanorama, read_reference};
 
 /// What is rendered.
 pub struct Subject {
@@ -23,7 +23,7 @@ pub struct Inputs {
     /// For a sequence, its first frame.
     pub subject: Subject,
     /// The panorama, which all frames of a sequence share.
-    pub surroundings: Option<Surroundings>,
+    pub panorama: Option<LoadedPanorama>,
     pub reference: Option<Reference>,
     pub gpu: Gpu,
     pub import: f64,
@@ -40,22 +40,22 @@ impl Inputs {
                 arguments.device.open().map(|gpu| (gpu, timed(start)))
             });
             let start = Instant::now();
-            let surroundings = arguments.scene.surroundings()?;
-            let (scene, camera) = load_scene(arguments, surroundings.as_ref())?;
+            let panorama = arguments.scene.load_panorama()?;
+            let (scene, camera) = load_scene(arguments, panorama.as_ref())?;
             let import = timed(start);
             arguments.check_names(&scene.files)?;
             let settings = settings(arguments, &camera, denoiser)?;
             let reference = arguments.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
             let (gpu, start) = device.join().unwrap_or_else(|panic| resume_unwind(panic))?;
-            Ok(Inputs { subject: Subject { scene, camera, settings }, surroundings, reference, gpu, import, start })
+            Ok(Inputs { subject: Subject { scene, camera, settings }, panorama, reference, gpu, import, start })
         })
     }
 }
 
 /// The scene within the panorama, and its camera. For a sequence, those of the first frame.
-fn load_scene(arguments: &Arguments, surroundings: Option<&Surroundings>) -> Result<(Scene, Camera)> {
+fn load_scene(arguments: &Arguments, panorama: Option<&LoadedPanorama>) -> Result<(Scene, Camera)> {
     let time = arguments.sequence.first().and_then(|frame| frame.seconds);
-    let (scene, camera) = arguments.scene.load_first(time, surroundings, arguments.settings.aspect())?;
+    let (scene, camera) = arguments.scene.load_first(time, panorama, arguments.settings.aspect())?;
     let first = turntable(arguments, &scene)?.and_then(|views| views.into_iter().next());
     Ok((scene, first.unwrap_or(camera)))
 }

@@ -32,7 +32,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let interrupt = Interrupt::listen();
     arguments.check()?;
     let (mut denoiser, no_denoiser) = arguments.denoiser();
-    let Inputs { mut subject, surroundings, reference, mut gpu, import, start } = Inputs::load(arguments, &denoiser)?;
+    let Inputs { mut subject, panorama, reference, mut gpu, import, start } = Inputs::load(arguments, &denoiser)?;
     let checkpoint = arguments.read_checkpoint()?;
 
     let mut notes = Notes::new(arguments.quiet);
@@ -50,7 +50,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let spp = subject.settings.image.range().count();
     let mut session = Session::new(arguments, &denoiser, interrupt, times, spp, first_sample, notes);
     if arguments.sequence.first().is_some() {
-        session.render_sequence(&mut gpu, subject, surroundings.as_ref())?;
+        session.render_sequence(&mut gpu, subject, panorama.as_ref())?;
     } else {
         let image = session.render_subject(&mut gpu, &subject, checkpoint)?;
         print_error(&image, reference.as_ref())?;

@@ -240,7 +240,7 @@ impl<'a> Session<'a> {
             return Ok(image);
         }
         if let Some(fingerprint) = &self.fingerprint {
-            image.sign(fingerprint.clone());
+            image.set_fingerprint(fingerprint.clone());
         }
         let written = self.files.write_images(&image, arguments.view, arguments.exposure, arguments.quiet);
         if let Some((others, ratio)) = self.ratio.take() {

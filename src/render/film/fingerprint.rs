@@ -8,13 +8,13 @@ use super::image::{FINGERPRINT, Image, Metadata};
 
 impl Image {
     /// Adds the fingerprint of what it shows. Files of all formats keep it.
-    pub fn sign(&mut self, fingerprint: String) {
+    pub fn set_fingerprint(&mut self, fingerprint: String) {
         self.metadata.insert(FINGERPRINT.to_owned(), Metadata::Text(fingerprint));
     }
 }
 
-/// The fingerprint that [`Image::sign`] wrote to a file; `None` if the file is missing, damaged or incomplete, or has
-/// none.
+/// The fingerprint of an image file, set by [`Image::set_fingerprint`]; `None` if the file is missing, damaged or
+/// incomplete, or has none.
 pub fn fingerprint(path: impl AsRef<Path>) -> Option<String> {
     let path = path.as_ref();
     let bytes = read_file(path).ok()?;

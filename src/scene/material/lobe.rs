@@ -30,7 +30,7 @@ pub(in crate::scene) trait ReadTexture {
 
 /// What a lobe's texels depend on besides its own parameters.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Surroundings {
+pub(crate) struct LobeContext {
     /// Factor from world lengths to normalised ones.
     pub scale: f64,
     /// The material's index of refraction, or 0.
@@ -76,7 +76,7 @@ pub(in crate::scene) trait Lobe: Sized + Default {
     fn without_textures(self) -> Self;
 
     /// Its texels in the table of materials: [`Layout::texels`] of them.
-    fn texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]>;
+    fn texels(&self, context: &LobeContext) -> Vec<[f32; 4]>;
 
     /// The texture whose coordinates define tangents for triangles that have none, if the lobe needs tangents.
     fn tangent_texture(&self) -> Option<TextureInfo> {

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::scene::json::Json;
-use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::scene::material::lobe::{Layout, Lobe, LobeContext, ReadTexture};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_anisotropy.
@@ -59,7 +59,7 @@ impl Lobe for Anisotropy {
         self.texture
     }
 
-    fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
+    fn texels(&self, _: &LobeContext) -> Vec<[f32; 4]> {
         vec![[self.strength, self.rotation.cos(), self.rotation.sin(), 0.0]]
     }
 }

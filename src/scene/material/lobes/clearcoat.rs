@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::scene::json::Json;
-use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::scene::material::lobe::{Layout, Lobe, LobeContext, ReadTexture};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_clearcoat.
@@ -82,7 +82,7 @@ impl Lobe for Clearcoat {
         self.normal_texture
     }
 
-    fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
+    fn texels(&self, _: &LobeContext) -> Vec<[f32; 4]> {
         vec![[self.factor, self.roughness, self.normal_scale, 0.0]]
     }
 

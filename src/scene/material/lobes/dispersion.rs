@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::scene::json::Json;
-use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::scene::material::lobe::{Layout, Lobe, LobeContext, ReadTexture};
 use crate::scene::texture::TextureInfo;
 
 use super::volume::MIN_BENDING;
@@ -41,10 +41,10 @@ impl Lobe for Dispersion {
 
     /// The difference of the indices of refraction of green and red, and of blue and green, which are for the lines d,
     /// C and F.
-    fn texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]> {
-        let above_one = surroundings.ior - 1.0;
+    fn texels(&self, context: &LobeContext) -> Vec<[f32; 4]> {
+        let above_one = context.ior - 1.0;
         // The index for red stays above 1.
         let spread = (above_one * 0.025 * self.strength).min(above_one - MIN_BENDING).max(0.0);
-        vec![[spread / surroundings.outside, 0.0, 0.0, 0.0]]
+        vec![[spread / context.outside, 0.0, 0.0, 0.0]]
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::scene::json::Json;
-use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::scene::material::lobe::{Layout, Lobe, LobeContext, ReadTexture};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_iridescence: a thin film, whose colours change with the angle.
@@ -80,7 +80,7 @@ impl Lobe for Iridescence {
     }
 
     /// A film that is not there has the factor 0.
-    fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
+    fn texels(&self, _: &LobeContext) -> Vec<[f32; 4]> {
         let factor = if self.is_present() { self.factor } else { 0.0 };
         vec![[factor, self.ior, self.thickness_minimum, self.thickness_maximum]]
     }

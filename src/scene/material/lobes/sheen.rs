@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::Result;
 use crate::scene::json::Json;
-use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::scene::material::lobe::{Layout, Lobe, LobeContext, ReadTexture};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_sheen.
@@ -63,7 +63,7 @@ impl Lobe for Sheen {
         Sheen { colour_texture: None, roughness_texture: None, ..self }
     }
 
-    fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
+    fn texels(&self, _: &LobeContext) -> Vec<[f32; 4]> {
         vec![self.colour.extend(self.roughness).to_array()]
     }
 

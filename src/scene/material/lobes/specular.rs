@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use crate::Result;
 use crate::scene::json::Json;
-use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::scene::material::lobe::{Layout, Lobe, LobeContext, ReadTexture};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_specular.
@@ -61,7 +61,7 @@ impl Lobe for Specular {
         Specular { texture: None, colour_texture: None, ..self }
     }
 
-    fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
+    fn texels(&self, _: &LobeContext) -> Vec<[f32; 4]> {
         vec![self.colour.extend(self.factor).to_array()]
     }
 }

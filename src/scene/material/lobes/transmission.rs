@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::scene::json::Json;
-use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::scene::material::lobe::{Layout, Lobe, LobeContext, ReadTexture};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_transmission.
@@ -52,7 +52,7 @@ impl Lobe for Transmission {
         Transmission { texture: None, ..self }
     }
 
-    fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
+    fn texels(&self, _: &LobeContext) -> Vec<[f32; 4]> {
         vec![[self.factor, 0.0, 0.0, 0.0]]
     }
 

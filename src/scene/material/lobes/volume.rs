@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use crate::Result;
 use crate::scene::json::Json;
-use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::scene::material::lobe::{Layout, Lobe, LobeContext, ReadTexture};
 use crate::scene::texture::TextureInfo;
 
 /// The medium inside a closed surface (KHR_materials_volume).
@@ -68,14 +68,14 @@ impl Lobe for Option<Volume> {
 
     /// Absorption, and the index of refraction by which light that passes is bent, relative to that around: 1 for a
     /// thin wall.
-    fn texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]> {
-        let ior = surroundings.ior / surroundings.outside;
+    fn texels(&self, context: &LobeContext) -> Vec<[f32; 4]> {
+        let ior = context.ior / context.outside;
         let bends = self.is_some() && (ior - 1.0).abs() >= MIN_BENDING;
         // An index of 0 stands for an infinite one, which reflects all.
         let refraction = if bends && ior > 0.0 { ior } else { 1.0 };
         // A surface without a volume of its own has the same medium on both sides.
-        let own = self.map(|volume| volume.absorption(surroundings.scale));
-        let [red, green, blue] = own.unwrap_or(surroundings.absorption);
+        let own = self.map(|volume| volume.absorption(context.scale));
+        let [red, green, blue] = own.unwrap_or(context.absorption);
         vec![[red, green, blue, refraction]]
     }
 }

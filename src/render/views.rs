@@ -4,8 +4,8 @@ use std::mem;
 use std::time::Instant;
 
 use super::blocks::Blocks;
+use super::photon_benefit::of_first_sample;
 use super::renderer::{Kernels, PreparedView, Renderer, ViewOf};
-use super::worth::of_first_sample;
 use crate::light_transport::first_pass::MadeMaps;
 use crate::light_transport::indirect_light::{IndirectLight, MadeIndirect};
 use crate::light_transport::lighting::Lighting;
@@ -24,22 +24,22 @@ impl Renderer<'_> {
     /// [`Error::Setting`] for a size out of range and for a piece, [`Error::Usage`] for a lens where the first camera
     /// had none or the reverse, since kernels depend on it, and those of [`Renderer::new`]. After an error of the
     /// device the renderer cannot be used.
-    pub fn look(&mut self, camera: &Camera, size: [u32; 2]) -> Result<()> {
+    pub fn set_view(&mut self, camera: &Camera, size: [u32; 2]) -> Result<()> {
         self.begin_view(camera, size, false)
     }
 
-    /// As [`Renderer::look`], for a preview that is shown briefly while the camera moves. It also uses the irradiance
-    /// records of earlier previews, so that few are computed. Records do not depend on the camera, but their positions
-    /// depend on the path that the camera took, and so do the bits of the image. No visibility photons are emitted;
-    /// those of the last view are used, if there are any.
+    /// As [`Renderer::set_view`], for a preview that is shown briefly while the camera moves. It also uses the
+    /// irradiance records of earlier previews, so that few are computed. Records do not depend on the camera, but their
+    /// positions depend on the path that the camera took, and so do the bits of the image. No visibility photons are
+    /// emitted; those of the last view are used, if there are any.
     ///
     /// # Errors
-    /// As [`Renderer::look`].
-    pub fn glance(&mut self, camera: &Camera, size: [u32; 2]) -> Result<()> {
+    /// As [`Renderer::set_view`].
+    pub fn preview(&mut self, camera: &Camera, size: [u32; 2]) -> Result<()> {
         self.begin_view(camera, size, true)
     }
 
-    fn begin_view(&mut self, camera: &Camera, [width, height]: [u32; 2], is_glance: bool) -> Result<()> {
+    fn begin_view(&mut self, camera: &Camera, [width, height]: [u32; 2], is_preview: bool) -> Result<()> {
         if self.settings.image.piece.is_some() {
             return Err(Error::setting("image.piece", "must not be set: a piece cannot render another view"));
         }
@@ -49,11 +49,11 @@ impl Renderer<'_> {
         }
         let photons = self.lighting.visibility_map.is_some().then(|| self.settings.photons_per_light());
         let settings = self.settings.clone().with(|s| {
-            s.visibility_map.photons_per_light = self.requested_photons.or(photons.filter(|_| is_glance));
+            s.visibility_map.photons_per_light = self.requested_photons.or(photons.filter(|_| is_preview));
             (s.image.width, s.image.height) = (width, height);
         });
         settings.check()?;
-        if !is_glance {
+        if !is_preview {
             let anew = Specialisation::new(&self.scene, Some(camera), &settings);
             let full = anew.with_deferred_of(&self.specialisation);
             (self.specialisation, self.with_photons) = of_first_sample(full, &self.scene, camera, &settings);
@@ -74,10 +74,10 @@ impl Renderer<'_> {
         // Other stages have other photons.
         let MadeIndirect { map, records } = indirect.map(IndirectLight::into_made).unwrap_or_default();
         let map = map.filter(|_| self.stage == self.first_stage()).or(self.first_map.take());
-        if mem::replace(&mut self.is_glance, is_glance) {
+        if mem::replace(&mut self.is_preview, is_preview) {
             self.kept_records = records;
         }
-        let records = if is_glance { self.kept_records.take() } else { None };
+        let records = if is_preview { self.kept_records.take() } else { None };
         let made = MadeMaps { visibility_map, indirect: MadeIndirect { map, records } };
         let mut totals = self.totals.of_another_view();
         totals.time_compile += time_compile;
@@ -95,7 +95,7 @@ impl Renderer<'_> {
         (self.camera, self.settings, self.totals) = (camera.clone(), settings, totals);
         (self.stage, self.samples, self.batches, self.shade_at_once) = (stage, 0, 0, false);
         (self.growth, self.errors) = (None, None);
-        (self.seconds_per_sample, self.seconds_to_share) = (None, None);
+        (self.seconds_per_sample, self.seconds_to_allocate) = (None, None);
         self.has_other_views = true;
         Ok(())
     }

@@ -27,7 +27,7 @@ const MIN_DECIDED: f64 = 0.6;
 /// Like [`MIN_DECIDED`], for adaptive sampling with a fixed budget: pixels in penumbrae get most of the samples,
 /// whatever photons decide elsewhere. 64 samples took 0.65 to 1.02 times as long with photons as without if the share
 /// was 0.46 or more, and 1.05 times if it was 0.21 (docs/decisions.md, "Samples shared out").
-const MIN_DECIDED_OF_SHARED: f64 = 0.4;
+const MIN_DECIDED_OF_ALLOCATED: f64 = 0.4;
 
 /// Part of the latest growth of the share by which it will grow further, as fine cells are divided. In 16 scenes and
 /// models, the share of the last samples of the trial plus this part of its growth since the samples before was close
@@ -49,14 +49,15 @@ pub(super) fn problem_of_photons(totals: &Totals, samples: u32, spp: u32) -> Opt
 }
 
 /// Whether photons will decide enough points. `counted` has the points of the first `samples` samples, of which the
-/// first had no photons; `points` has those of all samples so far. `is_shared`: adaptive sampling with a fixed budget.
-pub(super) fn decide_enough(counted: &Points, samples: u32, points: &Points, is_shared: bool) -> bool {
+/// first had no photons; `points` has those of all samples so far. `is_allocated`: adaptive sampling with a fixed
+/// budget.
+pub(super) fn decide_enough(counted: &Points, samples: u32, points: &Points, is_allocated: bool) -> bool {
     let share = |decided: u64, total: f64| decided as f64 / total.max(1.0);
     let tried = f64::from(samples - 1) / f64::from(samples);
     let first = share(counted.lit + counted.shadowed, counted.total as f64 * tried);
     let decided = points.lit + points.shadowed - counted.lit - counted.shadowed;
     let last = share(decided, (points.total - counted.total) as f64);
-    last + FURTHER_GROWTH * (last - first) >= if is_shared { MIN_DECIDED_OF_SHARED } else { MIN_DECIDED }
+    last + FURTHER_GROWTH * (last - first) >= if is_allocated { MIN_DECIDED_OF_ALLOCATED } else { MIN_DECIDED }
 }
 
 /// Whether visibility photons are on trial in such a render.

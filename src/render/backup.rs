@@ -1,4 +1,4 @@
-//! The state that a render keeps in memory in case its device is lost.
+//! The copy of its state that a render keeps in memory in case its device is lost.
 
 use std::time::{Duration, Instant};
 
@@ -8,23 +8,23 @@ use super::checkpoint::Checkpoint;
 /// the time.
 const KEPT_PER_COST: u32 = 50;
 
-/// The state that was kept last.
-pub(super) struct Keeping {
+/// The copy that was made last.
+pub(super) struct Backup {
     pub state: Option<Checkpoint>,
     at: Instant,
     /// The time that this took.
     cost: Duration,
 }
 
-impl Keeping {
+impl Backup {
     /// Keeps no state yet, so the first is due.
-    pub fn new() -> Keeping {
-        Keeping { state: None, at: Instant::now(), cost: Duration::ZERO }
+    pub fn new() -> Backup {
+        Backup { state: None, at: Instant::now(), cost: Duration::ZERO }
     }
 
     /// Keeps `state`, whose copy began at `start`.
-    pub fn of(state: Checkpoint, start: Instant) -> Keeping {
-        Keeping { state: Some(state), at: Instant::now(), cost: start.elapsed() }
+    pub fn of(state: Checkpoint, start: Instant) -> Backup {
+        Backup { state: Some(state), at: Instant::now(), cost: start.elapsed() }
     }
 
     /// Whether the next state is due.
