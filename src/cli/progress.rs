@@ -1,5 +1,6 @@
 //! The progress of a render: a bar on a terminal, otherwise a line now and then.
 
+use std::fmt;
 use std::io::{self, IsTerminal};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -129,7 +130,10 @@ impl Display {
             format!(
                 "{} spp, {}{speed:.1} Mrays/s",
                 progress.samples,
-                left.map_or(String::new(), |left| format!("{} left, ", seconds(left)))
+                left.map_or(String::new(), |left| format!(
+                    "{} left, ",
+                    duration(left.as_secs_f64(), |s| format!("{s:.1}"))
+                ))
             )
         };
         let total = elapsed + left.unwrap_or(Duration::MAX / 2);
@@ -143,11 +147,12 @@ pub fn mega(count: u64, seconds: f64) -> f64 {
     if seconds > 0.0 { count as f64 / seconds / 1e6 } else { 0.0 }
 }
 
-/// A duration for users.
-fn seconds(time: Duration) -> String {
-    match time.as_secs() {
-        0..60 => format!("{:.1} s", time.as_secs_f64()),
-        s @ 60..3600 => format!("{} min {} s", s / 60, s % 60),
-        s => format!("{} h {} min", s / 3600, s % 3600 / 60),
+/// A duration for users. `short` writes the seconds of one that is less than a minute.
+pub fn duration<T: fmt::Display>(seconds: f64, short: impl Fn(f64) -> T) -> String {
+    let whole = seconds.round() as u64;
+    match (whole / 3600, whole / 60 % 60, whole % 60) {
+        (0, 0, _) => format!("{} s", short(seconds)),
+        (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
+        (hours, minutes, _) => format!("{hours} h {minutes} min"),
     }
 }

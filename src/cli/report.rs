@@ -438,12 +438,7 @@ impl Rounds {
 
 /// A duration for users.
 fn duration(seconds: f64) -> String {
-    let whole = seconds.round() as u64;
-    match (whole / 3600, whole / 60 % 60, whole % 60) {
-        (0, 0, _) => format!("{} s", (seconds * 1e3).round() / 1e3),
-        (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
-        (hours, minutes, _) => format!("{hours} h {minutes} min"),
-    }
+    super::progress::duration(seconds, |seconds| (seconds * 1e3).round() / 1e3)
 }
 
 fn write(path: &Path, text: &str) -> Result<()> {

@@ -7,6 +7,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::random::R2_STEPS;
 use crate::settings::ImageSettings;
 
 /// Side of a block in pixels. With 64 pixels, the error of the mean of a few samples is estimated to about a fifth.
@@ -205,8 +206,8 @@ impl Blocks {
         let more = (MIN_VARIANCE * mean).max(f64::MIN_POSITIVE);
         let logarithm = |(pixel, variance): (usize, &f64)| {
             let [x, y] = [pixel % self.columns as usize, pixel / self.columns as usize];
-            // Low-discrepancy numbers (Roberts 2018).
-            let spread = (x as f64 * 0.754_877_666_246_693 + y as f64 * 0.569_840_290_998_053).fract();
+            let [of_column, of_row] = R2_STEPS;
+            let spread = (x as f64 * of_column + y as f64 * of_row).fract();
             let logarithm = 0.5 * (variance + more).log2() + 0.5 + ROUNDING * (spread - 0.5);
             (logarithm * f64::from(1 << OCTAVE_BITS)) as i32
         };

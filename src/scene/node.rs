@@ -137,9 +137,13 @@ fn scene_roots(
 /// some units in the last place of 1, which are 1.2e-7 each.
 const LAST_ROW_TOLERANCE: f64 = 1e-5;
 
-/// Whether `row` is the last row of an affine matrix, but for rounding.
-pub(super) fn is_last_row(row: [f64; 4]) -> bool {
-    row.into_iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(found, wanted)| (found - wanted).abs() < LAST_ROW_TOLERANCE)
+/// The affine matrix of a file's 16 numbers, column by column; `None` if its last row is not 0 0 0 1, but for rounding.
+pub(super) fn affine(m: [f64; 16]) -> Option<DAffine3> {
+    let mut last_row = [m[3], m[7], m[11], m[15]].into_iter().zip([0.0, 0.0, 0.0, 1.0]);
+    let is_affine = last_row.all(|(found, wanted)| (found - wanted).abs() < LAST_ROW_TOLERANCE);
+    let column = |i: usize| DVec3::new(m[4 * i], m[4 * i + 1], m[4 * i + 2]);
+    let matrix3 = DMat3::from_cols(column(0), column(1), column(2));
+    is_affine.then(|| DAffine3 { matrix3, translation: column(3) })
 }
 
 fn local_matrix(node: &Json) -> Result<DAffine3> {
@@ -148,12 +152,7 @@ fn local_matrix(node: &Json) -> Result<DAffine3> {
         if parts.iter().any(Option::is_some) {
             return Err(node.error("has both a matrix and a translation, rotation or scale"));
         }
-        let m = matrix.numbers::<16>()?;
-        if !is_last_row([m[3], m[7], m[11], m[15]]) {
-            return Err(matrix.error("its last row is not 0 0 0 1"));
-        }
-        let column = |i: usize| DVec3::new(m[4 * i], m[4 * i + 1], m[4 * i + 2]);
-        return Ok(DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) });
+        return affine(matrix.numbers()?).ok_or_else(|| matrix.error("its last row is not 0 0 0 1"));
     }
     let [translation, rotation, scale] = parts;
     let translation = translation.map_or(Ok([0.0; 3]), |t| t.numbers())?;

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DMat3, DVec3};
+use glam::DAffine3;
 
 use super::accessor::{Accessor, Component};
 use super::json::Json;
-use super::node::{Node, is_last_row};
+use super::node::{Node, affine};
 use crate::Result;
 
 /// Maximum number of sets of four joints for a vertex. No known exporter writes more than two, and all sets may share
@@ -85,12 +85,8 @@ impl Skin<'_, '_> {
             if m.iter().any(|x| !x.is_finite()) {
                 return Err(json.error(format!("matrix {i} is not finite")));
             }
-            let m = m.map(f64::from);
-            if !is_last_row([m[3], m[7], m[11], m[15]]) {
-                return Err(json.error(format!("the last row of matrix {i} is not 0 0 0 1")));
-            }
-            let column = |i: usize| DVec3::new(m[4 * i], m[4 * i + 1], m[4 * i + 2]);
-            Ok(DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) })
+            let not_affine = || json.error(format!("the last row of matrix {i} is not 0 0 0 1"));
+            affine(m.map(f64::from)).ok_or_else(not_affine)
         };
         accessor.floats::<16>(0.0, Some(&which))?.into_iter().enumerate().map(matrix).collect::<Result<_>>().map(Some)
     }

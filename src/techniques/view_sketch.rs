@@ -6,6 +6,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use crate::gpu_scene::CameraUniform;
+use crate::random::r2;
 use crate::scene::{Camera, Scene, SurfaceSearch};
 
 /// Rays from the camera along each axis of the image. With this many, shares are right within a few hundredths.
@@ -52,16 +53,10 @@ fn second_surfaces(scene: &Scene, camera: &Camera, [width, height]: [u32; 2]) ->
             let normal = nearest.normal.unwrap_or(-way.normalize());
             let normal = if normal.dot(way) > 0.0 { -normal } else { normal };
             let above = origin + nearest.depth * (1.0 - OFFSET) * way;
-            surfaces.nearest(above, cosine_weighted(normal, r2(*index)), &(0.0..=f64::MAX)).is_some()
+            surfaces.nearest(above, cosine_weighted(normal, r2(*index).into()), &(0.0..=f64::MAX)).is_some()
         })
     };
     (0..SIDE * SIDE).into_par_iter().filter(goes_on).count() as f64 / f64::from(SIDE * SIDE)
-}
-
-/// The point `index` of Roberts' sequence R2, which fills the unit square evenly at any length.
-fn r2(index: u32) -> DVec2 {
-    const STEP: DVec2 = DVec2::new(0.754_877_666_246_692_7, 0.569_840_290_998_053_2);
-    (DVec2::splat(0.5) + f64::from(index) * STEP).fract()
 }
 
 /// A unit vector above a surface, with a density in proportion to its cosine.

@@ -124,6 +124,7 @@ pub(super) fn partners(triangles: &[[Vec3; 3]]) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::r2;
 
     /// The triangles of an octahedron whose corners lie on a sphere, each divided into four, `times` times.
     fn ball(times: u32) -> Vec<[Vec3; 3]> {
@@ -150,9 +151,9 @@ mod tests {
         let receivers = ReceiverBounds { centre: Vec3::new(0.5, -3.0, 1.0), radius: 6.0 };
         let views = lamp.cumulative_views(side, Some(receivers)).into_flattened();
         let facets = lamp.facets();
-        // Points of the map that fill it evenly (Roberts 2018), and lie in its folds too.
+        // Points of the map that fill it evenly, and lie in its folds too.
         const COUNT: u32 = 4096;
-        let points = (0..COUNT).map(|i| [0.754_877_67, 0.569_840_29].map(|step: f64| (f64::from(i) * step).fract()));
+        let points = (0..COUNT).map(r2);
         let in_folds = (0..COUNT).map(|i| [0.5, f64::from(i) / f64::from(COUNT)]);
         let mut missed = 0;
         for [u, v] in points.chain(in_folds) {
