@@ -1,0 +1,66 @@
+//! Files that a session writes: the picture, and a copy of the scene with the camera.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::picture::Viewpoint;
+use super::state::{Loaded, State};
+use crate::render::film::write_atomically;
+use crate::scene::{AddedCamera, with_camera};
+use crate::view::overlay::Display;
+use crate::{Error, Result};
+
+impl State {
+    /// Writes the picture.
+    pub(super) fn save(&self, path: &Path) -> Result<String> {
+        let Some(image) = &self.image else { return Ok("there is no picture yet".to_owned()) };
+        self.check_kept(path, None)?;
+        let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+        let Display { view, exposure, .. } = self.choices.display;
+        // Like `penumbra render`: an .exr has all channels, a .png shows one picture.
+        let denoised = image.denoised().filter(|_| !is_exr);
+        denoised.as_ref().unwrap_or(image).write(path, view, exposure)?;
+        Ok(format!("wrote {}", path.display()))
+    }
+
+    /// Checks that `path` is none of the files that the picture is made from, but for one that may be `replaced`.
+    fn check_kept(&self, path: &Path, replaced: Option<&Path>) -> Result<()> {
+        let whole = |file: &Path| file.canonicalize().ok();
+        let is_input = whole(path).is_some_and(|path| {
+            let mut kept = self.files().into_iter().filter_map(|file| whole(&file));
+            Some(&path) != replaced.and_then(whole).as_ref() && kept.any(|file| file == path)
+        });
+        let shown = path.display();
+        match is_input {
+            true => Err(Error::Usage(format!("{shown} is an input, which would be overwritten: choose another name"))),
+            false => Ok(()),
+        }
+    }
+
+    /// Writes a copy of the scene's file that has the camera.
+    pub(super) fn save_camera(&self, file: &Path, name: &str, replaces: bool) -> Result<String> {
+        let Some(Loaded { scene, .. }) = &self.scene else { return Ok("there is no scene yet".to_owned()) };
+        let shown = file.display();
+        if file.exists() && !replaces {
+            let same = |file: &Path| file.canonicalize().ok();
+            let is_open = if same(file) == same(self.shown_file()) { "is the open file" } else { "exists" };
+            return Err(Error::Usage(format!("{shown} {is_open}: tick `replace` to overwrite it")));
+        }
+        self.check_kept(file, Some(self.shown_file()))?;
+        let kind = |file: &Path| file.extension().map(|extension| extension.to_ascii_lowercase());
+        if kind(file) != kind(self.shown_file()) {
+            let problem = format!("{shown}: a copy of {} needs the same extension", self.shown_file().display());
+            return Err(Error::Usage(problem));
+        }
+        let camera = self.camera(scene)?;
+        let placed = match &self.eye.viewpoint {
+            Viewpoint::Placed(view) => view.axes().map(|axes| (view.from, axes)),
+            _ => None,
+        };
+        let name = if name.trim().is_empty() { "view" } else { name.trim() };
+        let camera = AddedCamera::new(name, scene, &camera, placed);
+        let (bytes, name) = with_camera(self.shown_file(), file.parent().unwrap_or(Path::new("")), &camera)?;
+        write_atomically(file, |output| Ok(output.write_all(&bytes)?))?;
+        Ok(format!("wrote {shown} with the camera `{name}`"))
+    }
+}
