@@ -32,7 +32,7 @@ impl Renderer<'_> {
     /// As [`Renderer::denoised_image`].
     pub fn wants_samples(&mut self, denoiser: &Denoiser) -> Result<bool> {
         let Some(noise) = self.settings.image.noise else {
-            return Ok(self.samples < self.settings.image.range().count());
+            return Ok(self.sampling.samples < self.settings.image.range().count());
         };
         if self.is_decision_due() {
             let start = Instant::now();
@@ -42,18 +42,18 @@ impl Renderer<'_> {
             let unaudited = unaudited(&self.totals, self.settings.visibility_map.audit, self.mean_samples());
             let ImageSettings { spp, .. } = self.settings.image;
             let width = self.settings.image.part().width;
-            if let Some(blocks) = &mut self.blocks {
+            if let Some(blocks) = &mut self.sampling.blocks {
                 let errors = blocks.errors(&errors, width);
                 blocks.choose(&errors, noise - unaudited, spp, share);
             }
         }
-        Ok(self.blocks.as_ref().is_some_and(|blocks| !blocks.is_complete()))
+        Ok(self.sampling.blocks.as_ref().is_some_and(|blocks| !blocks.is_complete()))
     }
 
     /// A note if [`ImageSettings::noise`] was not reached, because samples or time ended the render.
     pub fn note_on_noise(&self) -> Option<String> {
         let noise = self.settings.image.noise?;
-        let [above, all] = self.blocks.as_ref()?.above();
+        let [above, all] = self.sampling.blocks.as_ref()?.above();
         let rest = "were above it when they were last estimated";
         (above > 0).then(|| format!("a noise of {noise:e} was not reached everywhere: {above} of {all} blocks {rest}"))
     }
@@ -66,7 +66,7 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`Renderer::image`].
     pub fn estimated_relmse(&self) -> Result<Option<f64>> {
-        if self.samples < 2 || !self.settings.estimates_error() {
+        if self.sampling.samples < 2 || !self.settings.estimates_error() {
             return Ok(None);
         }
         let errors = self.squared_errors(&Denoiser::default())?;
@@ -91,7 +91,7 @@ impl Renderer<'_> {
         let width = self.settings.image.part().width as usize;
         let samples: Vec<u32> = self.samples_of_all().collect();
         let mut colours = Vec::new();
-        for tile in &self.tiles {
+        for tile in &self.view.tiles {
             let samples = &samples[colours.len()..][..tile.rows().len() * width];
             let planes = [Some(&tile.direct), tile.indirect.as_ref()];
             let parts = planes.into_iter().flatten().zip(&tile.parts).map(|(plane, part)| {
@@ -118,7 +118,7 @@ impl Renderer<'_> {
 
     /// Whether the pixels have all samples of the last decision, and enough of them to estimate their noise.
     fn is_decision_due(&self) -> bool {
-        self.samples > 1 && self.blocks.as_ref().is_some_and(Blocks::is_complete)
+        self.sampling.samples > 1 && self.sampling.blocks.as_ref().is_some_and(Blocks::is_complete)
     }
 
     /// Whether a decision is due on which pixels get more samples, in adaptive sampling with a fixed budget.
@@ -132,37 +132,37 @@ impl Renderer<'_> {
             return Ok(());
         }
         let start = Instant::now();
-        let errors = match self.errors.take().filter(|errors| errors.samples == self.samples) {
+        let errors = match self.sampling.errors.take().filter(|errors| errors.samples == self.sampling.samples) {
             Some(errors) => errors.of_pixels,
             None => self.raw_errors()?,
         };
-        let mean = self.samples.saturating_mul(2);
-        if let Some(blocks) = &mut self.blocks {
+        let mean = self.sampling.samples.saturating_mul(2);
+        if let Some(blocks) = &mut self.sampling.blocks {
             blocks.allocate_samples(&errors, mean);
         }
         let seconds = start.elapsed().as_secs_f64();
         self.totals.time_render += seconds;
-        self.seconds_to_allocate = Some(seconds);
+        self.sampling.seconds_to_allocate = Some(seconds);
         Ok(())
     }
 
     /// The relMSE of the raw image by the error that its samples do not share, if noise decides which pixels get
     /// samples.
     pub(super) fn noise_of_samples(&mut self) -> Result<Option<f64>> {
-        if !self.settings.image.allocates_samples() || self.samples < 2 {
+        if !self.settings.image.allocates_samples() || self.sampling.samples < 2 {
             return Ok(None);
         }
         let of_pixels = self.raw_errors()?;
         // A single firefly counts as one wrong pixel.
         let mean = of_pixels.iter().map(|error| error.min(1.0)).sum::<f64>() / of_pixels.len() as f64;
-        self.errors = Some(PixelErrors { samples: self.samples, of_pixels });
+        self.sampling.errors = Some(PixelErrors { samples: self.sampling.samples, of_pixels });
         Ok(Some(mean))
     }
 
     /// Samples of a pixel so far.
     pub(super) fn samples_of(&self, pixel: usize) -> u32 {
         let width = self.settings.image.part().width;
-        self.blocks.as_ref().map_or(self.samples, |blocks| blocks.samples_of(pixel, width))
+        self.sampling.blocks.as_ref().map_or(self.sampling.samples, |blocks| blocks.samples_of(pixel, width))
     }
 
     /// Mean number of samples of a pixel so far.

@@ -57,7 +57,7 @@ impl Renderer<'_> {
     /// `spp` samples per pixel.
     pub(super) fn add_samples(&mut self, limit: u32, spp: u32) -> Result<Progress> {
         self.begin_trial(spp)?;
-        if self.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
+        if self.sampling.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());
         }
         self.allocate_samples()?;
@@ -66,7 +66,7 @@ impl Renderer<'_> {
         let first_sample = self.first_sample(batch.as_ref());
         let layers = self.layers_of_batch(limit, first_sample, batch.as_ref());
         let share = self.share_of_pixels(batch.as_ref());
-        let batches = match (&self.blocks, batch) {
+        let batches = match (&self.sampling.blocks, batch) {
             (Some(_), Some(mut batch)) => {
                 batch.missing = layers;
                 vec![batch]
@@ -74,20 +74,21 @@ impl Renderer<'_> {
             (Some(blocks), None) => blocks.part(layers, first_sample),
             (None, _) => Vec::new(),
         };
-        if self.batches > 0 && self.piece_sums.is_none() {
+        if self.sampling.batches > 0 && self.piece_sums.is_none() {
             self.repair_map()?;
         }
         self.trace_caustics(first_sample)?;
-        self.batches += 1;
+        self.sampling.batches += 1;
         if let Some(sums) = &mut self.piece_sums {
             sums.begin(SampleRange { first: first_sample, end: first_sample + layers });
         }
-        self.lighting.set_precautions(Precautions::after(&self.totals, &self.settings));
-        let (samples, counted, sampled) = (self.samples, self.totals.points(), self.totals.get(Counter::Sampled));
+        self.view.lighting.set_precautions(Precautions::after(&self.totals, &self.settings));
+        let (samples, counted, sampled) =
+            (self.sampling.samples, self.totals.points(), self.totals.get(Counter::Sampled));
         let decided = self.totals.decided_points();
         let mut points = 0;
-        for tile in 0..self.tiles.len() {
-            if self.blocks.is_none() {
+        for tile in 0..self.view.tiles.len() {
+            if self.sampling.blocks.is_none() {
                 points += self.render_tile(tile, first_sample, layers, None)?;
             }
             for batch in &batches {
@@ -97,8 +98,8 @@ impl Renderer<'_> {
         if let Some(sums) = &mut self.piece_sums {
             sums.end();
         }
-        self.samples = self.samples.max(first_sample + layers - self.settings.image.range().first);
-        if let Some(blocks) = &mut self.blocks {
+        self.sampling.samples = self.sampling.samples.max(first_sample + layers - self.settings.image.range().first);
+        if let Some(blocks) = &mut self.sampling.blocks {
             blocks.add(&batches);
         }
         self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, points);
@@ -110,34 +111,38 @@ impl Renderer<'_> {
         let start = Instant::now();
         self.keep()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
-        self.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / (f64::from(layers) * share));
+        self.sampling.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / (f64::from(layers) * share));
         Ok(self.progress())
     }
 
     fn progress(&self) -> Progress {
         let points = self.totals.points();
-        Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share }
+        Progress {
+            samples: self.sampling.samples,
+            rays: self.totals.rays().total,
+            boundary_share: points.boundary_share,
+        }
     }
 
     /// The next batch of blocks that must reach a small error; `None` in adaptive sampling with a fixed budget.
     fn blocks_of_batch(&self) -> Option<Batch> {
-        self.blocks.as_ref().filter(|_| self.settings.image.noise.is_some()).and_then(Blocks::batch)
+        self.sampling.blocks.as_ref().filter(|_| self.settings.image.noise.is_some()).and_then(Blocks::batch)
     }
 
     /// The share of the pixels that are in the batch; without one all are.
     fn share_of_pixels(&self, batch: Option<&Batch>) -> f64 {
-        self.blocks.as_ref().zip(batch).map_or(1.0, |(blocks, batch)| blocks.share_of(batch))
+        self.sampling.blocks.as_ref().zip(batch).map_or(1.0, |(blocks, batch)| blocks.share_of(batch))
     }
 
     /// Expected seconds of one sample of each pixel of the next batch; `None` before the first batch.
     pub(super) fn seconds_of_sample(&self) -> Option<f64> {
         let share = || self.share_of_pixels(self.blocks_of_batch().as_ref());
-        self.seconds_per_sample.map(|seconds| seconds * share())
+        self.sampling.seconds_per_sample.map(|seconds| seconds * share())
     }
 
     /// The first sample of the next batch.
     fn first_sample(&self, batch: Option<&Batch>) -> u32 {
-        batch.map_or(self.settings.image.range().first + self.samples, |batch| batch.first_sample)
+        batch.map_or(self.settings.image.range().first + self.sampling.samples, |batch| batch.first_sample)
     }
 
     /// Samples per pixel of the next batch, if no limit makes them fewer.
@@ -148,14 +153,14 @@ impl Renderer<'_> {
 
     /// Samples per pixel of the next batch, of pixels that have `samples`.
     fn layers_of_batch(&self, limit: u32, samples: u32, batch: Option<&Batch>) -> u32 {
-        let most = self.tile_size.layers.min(limit.max(1));
+        let most = self.view.tile_size.layers.min(limit.max(1));
         let to_spp = self.settings.image.range().end.saturating_sub(samples);
         let missing = batch.map_or(to_spp, |batch| batch.missing);
         let most = if missing > 0 { most.min(missing) } else { most };
         // Fine cells learn from each batch: the number of samples doubles, so that they learn early. The first
         // sample is a preview, with few gather rays, and shows whether photons pay off.
         let features = &self.specialisation.features;
-        let preview = self.stage < 0 && features.has(Feature::GlobalMap);
+        let preview = self.view.stage < 0 && features.has(Feature::GlobalMap);
         let learning = features.has(Feature::FineCells) || self.with_photons.is_some() || preview;
         let most = if learning { most.min(samples.max(1)) } else { most };
         // In a piece, maps are made again at fixed samples.
@@ -172,28 +177,28 @@ impl Renderer<'_> {
         if self.piece_sums.is_some() {
             return;
         }
-        let chunks = self.lighting.direct.as_ref().map_or(0, |direct| direct.chunks().count());
-        self.shade_at_once = sampled as f64 > AT_ONCE_SHARE * (points * chunks as u64) as f64;
+        let chunks = self.view.lighting.direct.as_ref().map_or(0, |direct| direct.chunks().count());
+        self.sampling.shade_at_once = sampled as f64 > AT_ONCE_SHARE * (points * chunks as u64) as f64;
     }
 
     /// Classifies the fine cells by the shadow rays so far, and repairs the visibility map after the second batch, the
     /// fourth, the eighth, and so on: audits find most mistakes early, and sorting the map again takes a small part of
     /// a long render. There is no repair after one or two samples per pixel, which find few photons.
     fn repair_map(&mut self) -> Result<()> {
-        let due = self.samples > 2 && self.batches.is_power_of_two();
-        self.lighting.classify_fine_cells(self.gpu, self.samples)?;
-        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
-        self.lighting.repair_map(&Shared { gpu, scene, gpu_scene, tile }, due, &mut self.totals)
+        let due = self.sampling.samples > 2 && self.sampling.batches.is_power_of_two();
+        self.view.lighting.classify_fine_cells(self.gpu, self.sampling.samples)?;
+        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.view.buffers);
+        self.view.lighting.repair_map(&Shared { gpu, scene, gpu_scene, tile }, due, &mut self.totals)
     }
 
     /// Runs the technique's second pass for `count` samples of each pixel of a tile, or of those in the batch, as many
     /// at a time as fit. Returns the number of points.
     fn render_tile(&mut self, index: usize, first_sample: u32, count: u32, batch: Option<&Batch>) -> Result<u64> {
-        let film = &self.tiles[index];
+        let film = &self.view.tiles[index];
         let (_, pixel_count) = self.list_pixels(film, batch);
         let (mut points, mut sample) = (0, first_sample);
         while pixel_count > 0 && sample < first_sample + count {
-            let fit = (self.tile_size.points / pixel_count).max(1).min(first_sample + count - sample);
+            let fit = (self.view.tile_size.points / pixel_count).max(1).min(first_sample + count - sample);
             // The film keeps the sums of powers of two.
             let layers = if batch.is_some() { fit.min(to_power_of_two(sample)) } else { fit };
             points += self.render_layers(index, pixel_count, sample, layers)?;
@@ -204,19 +209,19 @@ impl Renderer<'_> {
 
     /// As [`Renderer::render_tile`], for `layers` samples of the listed pixels, which fit.
     fn render_layers(&mut self, index: usize, pixel_count: u32, first_sample: u32, layers: u32) -> Result<u64> {
-        let film = &self.tiles[index];
+        let film = &self.view.tiles[index];
         let tile = film.tile(&self.settings, pixel_count, first_sample, layers);
         let mut frame = self.gpu.frame("sample");
-        frame.clear(&self.buffers.counters);
+        frame.clear(&self.view.buffers.counters);
         let mut second_pass = SecondPass {
             frame: &mut frame,
             tile: &tile,
-            primary: &self.primary,
-            lighting: &self.lighting,
+            primary: &self.view.primary,
+            lighting: &self.view.lighting,
             settings: &self.settings,
             // The samples of a piece are summed on the host instead.
             planes: film.sample_planes().filter(|_| self.piece_sums.is_none()).collect(),
-            shade_at_once: self.shade_at_once,
+            shade_at_once: self.sampling.shade_at_once,
             class_films: &film.classes,
         };
         (implementation(self.settings.technique).second_pass)(&mut second_pass);
@@ -224,10 +229,10 @@ impl Renderer<'_> {
         frame.submit()?;
         if let Some(sums) = &mut self.piece_sums {
             let first_pixel = film.rows().start as usize * self.settings.image.part().width as usize;
-            let left_out = sums.add(self.gpu, &self.buffers, first_pixel, &tile)?;
+            let left_out = sums.add(self.gpu, &self.view.buffers, first_pixel, &tile)?;
             self.totals.count(Counter::NotFinite, left_out);
         }
-        let counters: Vec<u32> = self.gpu.read(&self.buffers.counters, Counter::COUNT)?;
+        let counters: Vec<u32> = self.gpu.read(&self.view.buffers.counters, Counter::COUNT)?;
         self.totals.add(&counters, u64::from(tile.point_count));
         // Fine cells decide where the map does not.
         let features = &self.specialisation.features;
@@ -241,7 +246,9 @@ impl Renderer<'_> {
     /// how many pixels get samples.
     pub(super) fn list_pixels(&self, film: &TileFilm, batch: Option<&Batch>) -> (Option<Vec<u32>>, u32) {
         let width = self.settings.image.part().width;
-        let (Some(blocks), Some(batch), Some(sampled)) = (&self.blocks, batch, &self.buffers.sampled_pixels) else {
+        let (Some(blocks), Some(batch), Some(sampled)) =
+            (&self.sampling.blocks, batch, &self.view.buffers.sampled_pixels)
+        else {
             return (None, film.rows().len() as u32 * width);
         };
         let pixels = batch.pixels(blocks, film.rows(), width);

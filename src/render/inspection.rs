@@ -17,16 +17,16 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`kernel_kit::Gpu::read`], and those of a kernel that cannot be compiled.
     pub fn shown_cells(&self, light: u32) -> Result<Option<Vec<ShownCell>>> {
-        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.view.buffers);
         let shared = Shared { gpu, scene, gpu_scene, tile };
         let nearest = self.settings.visibility_map.nearest;
-        let bound = self.lighting.bind_shown_cells(&shared, &self.specialisation.features, nearest)?;
-        let (Some(bound), Some(direct)) = (bound, &self.lighting.direct) else { return Ok(None) };
+        let bound = self.view.lighting.bind_shown_cells(&shared, &self.specialisation.features, nearest)?;
+        let (Some(bound), Some(direct)) = (bound, &self.view.lighting.direct) else { return Ok(None) };
         let mut cells = Vec::new();
-        for film in &self.tiles {
+        for film in &self.view.tiles {
             let tile = self.centres(film);
             let mut frame = gpu.frame("cells");
-            self.primary.record(&mut frame, &tile);
+            self.view.primary.record(&mut frame, &tile);
             bound.record(&mut frame, &tile, light);
             frame.submit()?;
             let words: Vec<u32> = gpu.read(&direct.classify_buffers().classes, tile.point_count as usize)?;
@@ -42,19 +42,19 @@ impl Renderer<'_> {
     pub fn surface_point(&self, [x, y]: [u32; 2]) -> Result<Option<SurfacePoint>> {
         let part = self.settings.image.part();
         let holds = |film: &&TileFilm| film.rows().contains(&y);
-        let Some(film) = self.tiles.iter().find(holds).filter(|_| x < part.width) else { return Ok(None) };
+        let Some(film) = self.view.tiles.iter().find(holds).filter(|_| x < part.width) else { return Ok(None) };
         let mut frame = self.gpu.frame("point");
-        self.primary.record(&mut frame, &self.centres(film));
+        self.view.primary.record(&mut frame, &self.centres(film));
         frame.submit()?;
         let index = (y - film.rows().start) * part.width + x;
-        let points: Vec<Point> = self.gpu.read_from(&self.buffers.points.buffer, index as usize, 1)?;
+        let points: Vec<Point> = self.gpu.read_from(&self.view.buffers.points.buffer, index as usize, 1)?;
         let of = |point: &Point| SurfacePoint { position: point.position.into(), normal: oct_decode16(point.normal) };
         Ok(points.first().filter(|point| point.normal != INVALID_POINT).map(of))
     }
 
     /// One ray through the centre of each pixel of a tile.
     fn centres(&self, film: &TileFilm) -> Tile {
-        self.buffers.sampled_pixels.iter().for_each(|sampled| sampled.set_all(self.gpu));
+        self.view.buffers.sampled_pixels.iter().for_each(|sampled| sampled.set_all(self.gpu));
         let pixels = film.rows().len() as u32 * self.settings.image.part().width;
         Tile { centred: 1, ..film.tile(&self.settings, pixels, 0, 1) }
     }

@@ -123,7 +123,7 @@ impl Sums for Film<'_> {
             _ => return Ok(None),
         };
         // A piece has samples of one half, or of both.
-        if self.renderer.samples < 2 || self.piece_sums().is_some() {
+        if self.renderer.sampling.samples < 2 || self.piece_sums().is_some() {
             return Ok(None);
         }
         let half = |pixel: usize| first_half(self.samples_of(pixel));
@@ -174,7 +174,7 @@ impl<'a> Film<'a> {
         samples: &dyn Fn(usize) -> u32,
     ) -> Result<Option<Vec<Sum>>> {
         let mut all = Vec::new();
-        for tile in &self.renderer.tiles {
+        for tile in &self.renderer.view.tiles {
             let Some(plane) = pick(tile) else { return Ok(None) };
             all.extend(self.tile_sums(tile, plane, samples)?);
         }
@@ -249,7 +249,7 @@ pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>)
             s.indirect.photons = Some(renderer.settings.flux_photons());
             s.indirect.irradiance_cache.gather_rays = Some(renderer.settings.gather_rays());
         }),
-        samples: renderer.samples,
+        samples: renderer.sampling.samples,
         mean_samples: renderer.mean_samples(),
         rays: totals.rays(),
         points: totals.points(),

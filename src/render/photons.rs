@@ -56,7 +56,7 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`kernel_kit::Gpu::read`].
     pub fn visibility_photons(&self) -> Result<Vec<VisibilityPhoton>> {
-        let Some(map) = &self.lighting.visibility_map else { return Ok(Vec::new()) };
+        let Some(map) = &self.view.lighting.visibility_map else { return Ok(Vec::new()) };
         let photons = map.photons(self.gpu)?.into_iter().map(|photon| VisibilityPhoton {
             position: photon.position.into(),
             normal: oct_decode7(photon.word & photon_word::NORMAL_MASK),
@@ -73,7 +73,7 @@ impl Renderer<'_> {
         point: SurfacePoint,
         light: u32,
     ) -> Option<NearestPhotons> {
-        let farthest = f64::from(self.lighting.visibility_map.as_ref()?.reach());
+        let farthest = f64::from(self.view.lighting.visibility_map.as_ref()?.reach());
         let map = &self.settings.visibility_map;
         let with_normals = !map.paper_counting;
         let stretch = if with_normals { f64::from(NORMAL_STRETCH) } else { 0.0 };

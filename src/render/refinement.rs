@@ -32,14 +32,14 @@ pub(super) struct Step {
 impl Renderer<'_> {
     /// The stage that the next sample needs, whatever the estimates of errors are.
     pub(super) fn due_stage(&self) -> i32 {
-        let has_map = self.lighting.indirect.as_ref().is_some_and(IndirectLight::has_map);
-        let samples = self.settings.image.range().first + self.samples;
-        if has_map { stage(&self.settings, samples, self.estimates_growth()) } else { self.stage }
+        let has_map = self.view.lighting.indirect.as_ref().is_some_and(IndirectLight::has_map);
+        let samples = self.settings.image.range().first + self.sampling.samples;
+        if has_map { stage(&self.settings, samples, self.estimates_growth()) } else { self.view.stage }
     }
 
     /// Whether estimates of errors decide when gather rays are added.
     fn estimates_growth(&self) -> bool {
-        let has_records = self.lighting.indirect.as_ref().is_some_and(IndirectLight::has_records);
+        let has_records = self.view.lighting.indirect.as_ref().is_some_and(IndirectLight::has_records);
         has_records && grows(&self.settings)
     }
 
@@ -48,10 +48,10 @@ impl Renderer<'_> {
     pub(super) fn refine(&mut self, fits: &mut dyn FnMut(&Self, Step) -> bool) -> Result<()> {
         let start = Instant::now();
         let due = self.due_stage();
-        while self.stage < due && fits(self, Step { stage: self.stage + 1, leaves_more_error: false }) {
-            self.go_on(self.stage + 1)?;
+        while self.view.stage < due && fits(self, Step { stage: self.view.stage + 1, leaves_more_error: false }) {
+            self.go_on(self.view.stage + 1)?;
         }
-        if self.estimates_growth() && self.samples > 0 {
+        if self.estimates_growth() && self.sampling.samples > 0 {
             self.grow(fits)?;
         }
         self.totals.time_render += start.elapsed().as_secs_f64();
@@ -60,13 +60,13 @@ impl Renderer<'_> {
 
     /// Whether the next sample may need another stage.
     pub(super) fn may_refine(&self) -> bool {
-        let grows = || self.growth.as_ref().is_some_and(|growth| growth.is_due(self.samples));
-        self.stage < self.due_stage() || (self.estimates_growth() && self.stage < LAST_STAGE && grows())
+        let grows = || self.sampling.growth.as_ref().is_some_and(|growth| growth.is_due(self.sampling.samples));
+        self.view.stage < self.due_stage() || (self.estimates_growth() && self.view.stage < LAST_STAGE && grows())
     }
 
     /// Advances stage by stage up to `stage`. Summed samples are not corrected.
     pub(super) fn restore_stage(&mut self, stage: i32) -> Result<()> {
-        while self.stage < stage {
+        while self.view.stage < stage {
             self.add_rays(self.next_stage().min(stage))?;
         }
         Ok(())
@@ -75,8 +75,8 @@ impl Renderer<'_> {
     /// The next stage. Once there is an estimate, stages are taken two at a time, as each has a fixed cost besides its
     /// rays: a map, filtering, and new positions of records.
     pub(super) fn next_stage(&self) -> i32 {
-        let is_known = self.estimates_growth() && self.stage > self.first_stage();
-        (self.stage + if is_known { 2 } else { 1 }).min(LAST_STAGE)
+        let is_known = self.estimates_growth() && self.view.stage > self.first_stage();
+        (self.view.stage + if is_known { 2 } else { 1 }).min(LAST_STAGE)
     }
 
     /// The next stage if it fits, else the one before it if that one fits. `error` and `noise` are the relMSE due to
@@ -86,28 +86,28 @@ impl Renderer<'_> {
             let leaves_more_error = error.is_some_and(|error| error > noise * self.factor_to(*stage));
             fits(self, Step { stage: *stage, leaves_more_error })
         };
-        (self.stage + 1..=self.next_stage()).rev().find(fits)
+        (self.view.stage + 1..=self.next_stage()).rev().find(fits)
     }
 
     /// The factor by which `stage` multiplies the present number of gather rays.
     fn factor_to(&self, stage: i32) -> f64 {
-        f64::from(stage - self.stage).exp2()
+        f64::from(stage - self.view.stage).exp2()
     }
 
     /// Adds gather rays while they are estimated to reduce the error by more than samples would.
     fn grow(&mut self, fits: &mut dyn FnMut(&Self, Step) -> bool) -> Result<()> {
-        let is_early = self.growth.as_ref().is_some_and(|growth| !growth.is_due(self.samples));
+        let is_early = self.sampling.growth.as_ref().is_some_and(|growth| !growth.is_due(self.sampling.samples));
         // If nothing fits even without noise, the decision waits: later there may be more time.
         let fits_if_no_noise = |growth: &Growth| self.next_that_fits(fits, growth.error, 0.0).is_some();
-        if self.stage == LAST_STAGE || is_early || !self.growth.as_ref().is_none_or(fits_if_no_noise) {
+        if self.view.stage == LAST_STAGE || is_early || !self.sampling.growth.as_ref().is_none_or(fits_if_no_noise) {
             return Ok(());
         }
         let mut means = self.pixel_means()?;
-        let (mut error, first) = (None, self.stage);
-        if let Some(growth) = self.growth.take() {
+        let (mut error, first) = (None, self.view.stage);
+        if let Some(growth) = self.sampling.growth.take() {
             let noise = match self.noise_of_samples()? {
                 Some(noise) => AVOIDANCE * noise,
-                None => growth.noise(&means, self.samples),
+                None => growth.noise(&means, self.sampling.samples),
             };
             error = growth.error;
             while let Some(stage) = self.next_that_fits(fits, error, noise) {
@@ -122,17 +122,17 @@ impl Renderer<'_> {
                 error = Some(error_of_rays(changes.iter().copied().zip(means.iter().copied()), factor));
             }
         }
-        if self.stage > first {
+        if self.view.stage > first {
             means = self.pixel_means()?;
         }
-        self.growth = Some(Growth { samples: self.samples, means, error });
+        self.sampling.growth = Some(Growth { samples: self.sampling.samples, means, error });
         Ok(())
     }
 
     /// Mean light of each pixel so far, and of its channels.
     fn pixel_means(&self) -> Result<Vec<f32>> {
         let mut means = Vec::new();
-        for film in &self.tiles {
+        for film in &self.view.tiles {
             let first = means.len();
             let means_of = |plane: &Plane| plane.means(self.gpu, &|pixel| self.samples_of(first + pixel));
             let direct = means_of(&film.direct)?;
@@ -150,31 +150,31 @@ impl Renderer<'_> {
     /// mean of its channels; nothing if no sample changes.
     fn go_on(&mut self, stage: i32) -> Result<Vec<f32>> {
         match self.add_rays(stage)? {
-            Some(before) if self.samples > 0 && self.piece_sums.is_none() => self.correct_samples(&before),
+            Some(before) if self.sampling.samples > 0 && self.piece_sums.is_none() => self.correct_samples(&before),
             _ => Ok(Vec::new()),
         }
     }
 
     /// Goes on to a stage. Returns the irradiance cache of the last one.
     fn add_rays(&mut self, stage: i32) -> Result<Option<BoundCache>> {
-        let is_first = self.stage == self.first_stage();
-        let Some(indirect) = &mut self.lighting.indirect else { return Ok(None) };
+        let is_first = self.view.stage == self.first_stage();
+        let Some(indirect) = &mut self.view.lighting.indirect else { return Ok(None) };
         if self.has_other_views && is_first {
             self.first_map = indirect.take_map();
         }
-        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.view.buffers);
         // Records are for the whole view.
         tile.sampled_pixels.iter().for_each(|sampled| sampled.set_all(gpu));
-        let earlier = settings_of_stage(&self.settings, self.stage).gather_rays();
+        let earlier = settings_of_stage(&self.settings, self.view.stage).gather_rays();
         let setup = IndirectSetup {
             shared: Shared { gpu, scene, gpu_scene, tile },
-            kernels: &self.indirect_kernels,
-            primary: &self.primary,
+            kernels: &self.view.indirect_kernels,
+            primary: &self.view.primary,
             camera: &CameraUniform::new(&self.camera, self.settings.image.width, self.settings.image.height),
             settings: &settings_of_stage(&self.settings, stage),
         };
         let before = indirect.add_rays(&setup, earlier, &mut self.totals)?;
-        self.stage = stage;
+        self.view.stage = stage;
         Ok(before)
     }
 
@@ -183,27 +183,30 @@ impl Renderer<'_> {
     /// sample of each. Returns the mean of its channels for each pixel.
     fn correct_samples(&mut self, before: &BoundCache) -> Result<Vec<f32>> {
         let mut changes = Vec::new();
-        let (Some(indirect), Some(change)) = (&self.lighting.indirect, &self.buffers.radiance_indirect) else {
+        let (Some(indirect), Some(change)) = (&self.view.lighting.indirect, &self.view.buffers.radiance_indirect)
+        else {
             return Ok(changes);
         };
-        for film in &self.tiles {
+        for film in &self.view.tiles {
             let first_pixel = changes.len();
             changes.resize(first_pixel + film.rows().len() * self.settings.image.part().width as usize, 0.0);
             let of_film = &mut changes[first_pixel..];
-            for batch in self.blocks.as_ref().map_or(vec![None], |blocks| blocks.by_samples().map(Some).collect()) {
-                let samples = batch.as_ref().map_or(self.samples, |batch| batch.first_sample);
+            for batch in
+                self.sampling.blocks.as_ref().map_or(vec![None], |blocks| blocks.by_samples().map(Some).collect())
+            {
+                let samples = batch.as_ref().map_or(self.sampling.samples, |batch| batch.first_sample);
                 let (pixels, pixel_count) = self.list_pixels(film, batch.as_ref());
                 if pixel_count == 0 || samples == 0 {
                     continue;
                 }
                 let tile = film.tile(&self.settings, pixel_count, samples, 1);
                 let mut frame = self.gpu.frame("correction");
-                frame.clear(&self.buffers.counters);
-                self.primary.record(&mut frame, &tile);
+                frame.clear(&self.view.buffers.counters);
+                self.view.primary.record(&mut frame, &tile);
                 indirect.change(&mut frame, before, &tile);
-                let inputs = self.buffers.film_inputs();
+                let inputs = self.view.buffers.film_inputs();
                 let of_batch = Change { change, pixel_count, earlier_samples: samples, inputs };
-                film.correct(self.gpu, &self.film, &mut frame, of_batch)?;
+                film.correct(self.gpu, &self.view.film, &mut frame, of_batch)?;
                 frame.submit()?;
                 let differences: Vec<[f32; 4]> = self.gpu.read(change, pixel_count as usize)?;
                 for (i, [r, g, b, _]) in differences.into_iter().enumerate() {
@@ -224,13 +227,13 @@ impl Renderer<'_> {
     /// Makes the caustic map of the samples from `first_sample` on, unless they share the last one.
     pub(super) fn trace_caustics(&mut self, first_sample: u32) -> Result<()> {
         let number = CausticMap::number_at(first_sample, &self.settings);
-        let IndirectKernels { global_map, features, .. } = &self.indirect_kernels;
+        let IndirectKernels { global_map, features, .. } = &self.view.indirect_kernels;
         let Some(kernels) = global_map.as_ref().filter(|_| features.has(Feature::Caustics)) else { return Ok(()) };
-        if self.lighting.caustics.as_ref().is_none_or(|caustics| caustics.number() != number) {
-            let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+        if self.view.lighting.caustics.as_ref().is_none_or(|caustics| caustics.number() != number) {
+            let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.view.buffers);
             let shared = Shared { gpu, scene, gpu_scene, tile };
             let traced = CausticMap::new(&shared, kernels, &self.settings, number, &mut self.totals)?;
-            self.lighting.caustics = Some(traced);
+            self.view.lighting.caustics = Some(traced);
         }
         Ok(())
     }

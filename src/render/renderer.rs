@@ -6,32 +6,24 @@ use std::time::Instant;
 use kernel_kit::Gpu;
 
 use super::backup::Backup;
-use super::blocks::{Blocks, PixelErrors};
-use super::growth::Growth;
 use super::notes::notes;
 use super::photon_benefit::of_first_sample;
 use super::pieces::PieceSums;
-use super::stages::{grows, settings_of_stage, stage};
-use super::tiles::{TileFilm, TileSize};
+use super::prepared_view::{Kernels, PreparedView, ViewOf};
+use super::sampling_state::SamplingState;
 use crate::Result;
 use crate::bvh::Bvh;
+use crate::gpu_scene::GpuScene;
 use crate::gpu_scene::lights::LightInfo;
-use crate::gpu_scene::{CameraUniform, GpuScene};
-use crate::light_transport::first_pass::{FirstPass, MadeMaps};
+use crate::light_transport::first_pass::MadeMaps;
 use crate::light_transport::global_map::GlobalMap;
 use crate::light_transport::irradiance_cache::Records;
-use crate::light_transport::kernels::{DirectKernels, IndirectKernels};
-use crate::light_transport::lighting::Lighting;
-use crate::light_transport::shared::Shared;
-use crate::passes::TileBuffers;
-use crate::passes::film::{Film, Plane};
-use crate::passes::primary::{BoundPrimary, Primary};
+use crate::passes::film::Plane;
 use crate::scene::{Camera, Scene};
 use crate::settings::Settings;
 use crate::specialisation::Specialisation;
-use crate::specialisation::features::{Feature, Features};
+use crate::specialisation::features::Feature;
 use crate::statistics::totals::Totals;
-use crate::techniques::implementation;
 
 /// A render in progress.
 pub struct Renderer<'g> {
@@ -46,17 +38,8 @@ pub struct Renderer<'g> {
     pub(super) specialisation: Specialisation,
     pub(super) notes: Vec<String>,
     pub(super) gpu_scene: GpuScene,
-    pub(super) primary: BoundPrimary,
-    /// Kept to correct samples that are already summed.
-    pub(super) film: Film,
-    /// The parts that the technique's first pass made.
-    pub(super) lighting: Lighting,
-    /// Kept to make new photons and records.
-    pub(super) indirect_kernels: IndirectKernels,
-    /// How many photons and gather rays there are so far; see `stages.rs`.
-    pub(super) stage: i32,
-    /// The estimates that decide when records get more gather rays; `None` before the first sample.
-    pub(super) growth: Option<Growth>,
+    pub(super) view: PreparedView,
+    pub(super) sampling: SamplingState,
     /// The global map of the first stage, for the next view. `None` while that map is in use, and before
     /// [`Renderer::set_view`] was called.
     pub(super) first_map: Option<GlobalMap>,
@@ -66,27 +49,10 @@ pub struct Renderer<'g> {
     pub(super) is_preview: bool,
     /// Whether other views preceded this one.
     pub(super) has_other_views: bool,
-    pub(super) buffers: TileBuffers,
-    pub(super) tiles: Vec<TileFilm>,
-    pub(super) tile_size: TileSize,
-    /// Samples per pixel: the maximum over the pixels with `ImageSettings::noise`, the mean with `Sampling::Adaptive`.
-    pub(super) samples: u32,
-    /// Which pixels get samples, if some get more than others.
-    pub(super) blocks: Option<Blocks>,
-    /// Estimated errors of pixels that decided on gather rays, kept for the decision on samples that follows.
-    pub(super) errors: Option<PixelErrors>,
-    /// See [`crate::passes::shade::ShadeParameters::at_once`].
-    pub(super) shade_at_once: bool,
     /// The specialisation with visibility photons, until the first sample has shown whether they pay off; see
     /// [`Renderer::begin_trial`].
     pub(super) with_photons: Option<Specialisation>,
-    /// Calls of [`Renderer::render_batch`] so far.
-    pub(super) batches: u32,
     pub(super) totals: Totals,
-    /// Seconds of one sample of every pixel, by the last batch; `None` before the first batch.
-    pub(super) seconds_per_sample: Option<f64>,
-    /// Seconds of the last decision on which pixels get more samples, in adaptive sampling with a fixed budget.
-    pub(super) seconds_to_allocate: Option<f64>,
     /// [`Gpu::pass_times`] before the render: those of earlier renders on this device.
     pub(super) earlier_pass_times: BTreeMap<String, f64>,
     /// The sums of a piece; `None` for other renders, whose sums are in the film.
@@ -125,9 +91,9 @@ impl<'g> Renderer<'g> {
         Renderer::specialised(gpu, scene, camera, settings, settings.image.spp, forced)
     }
 
-    /// Like [`Renderer::new`], but begins with a preview of `size`: see [`Renderer::preview`]. It has visibility photons
-    /// only if they are requested or shown, because a single sample traces few shadow rays. [`Renderer::set_view`]
-    /// begins the image.
+    /// Like [`Renderer::new`], but begins with a preview of `size`: see [`Renderer::preview`]. It has visibility
+    /// photons only if they are requested or shown, because a single sample traces few shadow rays.
+    /// [`Renderer::set_view`] begins the image.
     ///
     /// # Errors
     /// Those of [`Renderer::new`].
@@ -183,15 +149,14 @@ impl<'g> Renderer<'g> {
         gpu.compile_ahead(&gpu_scene)?;
         totals.time_compile = start.elapsed().as_secs_f64();
         let features = &specialisation.features;
-        let view = ViewOf { gpu, scene: &scene, gpu_scene: &gpu_scene, features, camera, settings };
-        let PreparedView { primary, film, lighting, indirect_kernels, buffers, tiles, tile_size, stage } =
-            view.prepare(kernels, MadeMaps::default(), &mut totals)?;
+        let inputs = ViewOf { gpu, scene: &scene, gpu_scene: &gpu_scene, features, camera, settings };
+        let view = inputs.prepare(kernels, MadeMaps::default(), &mut totals)?;
 
         // A piece does not count first: highlights are at nearly all points where there are glossy surfaces.
         let shade_at_once = settings.image.piece.is_some() && features.has(Feature::Glossy);
-        let piece_sums = settings.image.piece.map(|piece| PieceSums::new(&buffers, &settings.image, piece));
+        let piece_sums = settings.image.piece.map(|piece| PieceSums::new(&view.buffers, &settings.image, piece));
         Ok(Renderer {
-            notes: notes(&scene, settings, stage, features, &totals.indirect, &gpu_scene),
+            notes: notes(&scene, settings, view.stage, features, &totals.indirect, &gpu_scene),
             gpu,
             scene,
             camera: camera.clone(),
@@ -199,29 +164,15 @@ impl<'g> Renderer<'g> {
             requested_photons: settings.visibility_map.photons_per_light,
             specialisation,
             gpu_scene,
-            primary,
-            film,
-            lighting,
-            indirect_kernels,
-            stage,
-            growth: None,
+            view,
+            sampling: SamplingState::new(&settings.image, shade_at_once),
             first_map: None,
             kept_records: None,
             is_preview: false,
             has_other_views: false,
-            buffers,
-            tiles,
-            tile_size,
-            samples: 0,
-            blocks: Blocks::of(&settings.image),
-            errors: None,
-            shade_at_once,
             with_photons,
             piece_sums,
-            batches: 0,
             totals,
-            seconds_per_sample: None,
-            seconds_to_allocate: None,
             earlier_pass_times,
             backup: None,
         })
@@ -229,14 +180,14 @@ impl<'g> Renderer<'g> {
 
     /// All planes of the film, in an order that depends only on scene and settings.
     pub(super) fn planes(&self) -> impl Iterator<Item = &Plane> {
-        self.tiles.iter().flat_map(|tile| tile.planes().chain(&tile.classes))
+        self.view.tiles.iter().flat_map(|tile| tile.planes().chain(&tile.classes))
     }
 
     /// Mean number of samples per pixel so far; for a piece, the number of its own samples. With
     /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) it is the number of the pixels that have the
     /// most.
     pub fn samples(&self) -> u32 {
-        self.samples
+        self.sampling.samples
     }
 
     /// The settings, as they were given.
@@ -260,64 +211,6 @@ impl<'g> Renderer<'g> {
     }
 }
 
-/// The inputs of a view.
-pub(super) struct ViewOf<'a> {
-    pub gpu: &'a Gpu,
-    pub scene: &'a Scene,
-    pub gpu_scene: &'a GpuScene,
-    pub features: &'a Features,
-    pub camera: &'a Camera,
-    pub settings: &'a Settings,
-}
-
-/// The parts of a render that depend on its camera and on the size of its image.
-pub(super) struct PreparedView {
-    pub primary: BoundPrimary,
-    pub film: Film,
-    pub lighting: Lighting,
-    pub indirect_kernels: IndirectKernels,
-    pub buffers: TileBuffers,
-    pub tiles: Vec<TileFilm>,
-    pub tile_size: TileSize,
-    /// The stage of photons and gather rays.
-    pub stage: i32,
-}
-
-impl ViewOf<'_> {
-    /// Runs the technique's first pass, but for the maps that are already made, and makes empty films.
-    pub fn prepare(&self, kernels: Kernels, made: MadeMaps, totals: &mut Totals) -> Result<PreparedView> {
-        let start = Instant::now();
-        let ViewOf { gpu, scene, gpu_scene, features, camera, settings } = *self;
-        let tile_size = TileSize::new(features, scene.lights.len(), settings)?;
-        let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
-        let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
-        let primary = primary.bind(gpu, &buffers, gpu_scene)?;
-        let stage = stage(settings, 0, grows(settings));
-        let mut first_pass = FirstPass {
-            shared: Shared { gpu, scene, gpu_scene, tile: &buffers },
-            direct_kernels: direct,
-            indirect_kernels: &indirect_kernels,
-            primary: &primary,
-            view: camera,
-            camera: &CameraUniform::new(camera, settings.image.width, settings.image.height),
-            settings,
-            indirect_settings: &settings_of_stage(settings, stage),
-            points: tile_size.points,
-            totals,
-            made,
-            lighting: Lighting::default(),
-        };
-        (implementation(settings.technique).first_pass)(&mut first_pass)?;
-        let lighting = first_pass.lighting;
-        let tiles = TileFilm::of_all_tiles(gpu, &film, &buffers, lighting.direct.as_ref(), tile_size, settings)?;
-        gpu.wait("preparation")?;
-        totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
-        totals.frame_bytes += lighting.frame_bytes();
-        totals.time_render = start.elapsed().as_secs_f64();
-        Ok(PreparedView { primary, film, lighting, indirect_kernels, buffers, tiles, tile_size, stage })
-    }
-}
-
 /// Builds the BVH and puts the scene's triangles in its order.
 fn build_hierarchy(scene: &mut Scene, totals: &mut Totals) -> Result<Bvh> {
     let start = Instant::now();
@@ -326,33 +219,4 @@ fn build_hierarchy(scene: &mut Scene, totals: &mut Totals) -> Result<Bvh> {
     totals.bvh_depth = bvh.depth;
     totals.time_bvh = start.elapsed().as_secs_f64();
     Ok(bvh)
-}
-
-/// The kernels of a render.
-pub(super) struct Kernels {
-    primary: Primary,
-    film: Film,
-    direct: DirectKernels,
-    indirect: IndirectKernels,
-}
-
-impl Kernels {
-    pub fn new(
-        gpu: &Gpu,
-        specialisation: &Specialisation,
-        constants: &[(&str, f64)],
-        settings: &Settings,
-    ) -> Result<Kernels> {
-        let features = &specialisation.features;
-        let ((direct, primary), (film, indirect)) = rayon::join(
-            || {
-                rayon::join(
-                    || DirectKernels::new(gpu, features, constants, settings),
-                    || Primary::new(gpu, features, constants),
-                )
-            },
-            || rayon::join(|| Film::new(gpu, features), || IndirectKernels::new(gpu, specialisation, constants)),
-        );
-        Ok(Kernels { primary: primary?, film: film?, direct: direct?, indirect: indirect? })
-    }
 }

@@ -40,22 +40,23 @@ impl Renderer<'_> {
                 }
             }
         }
-        words.extend(self.growth.iter().flat_map(|growth| &growth.means).map(|mean| mean.to_bits()));
-        let map = self.lighting.map_state(self.gpu)?;
+        words.extend(self.sampling.growth.iter().flat_map(|growth| &growth.means).map(|mean| mean.to_bits()));
+        let map = self.view.lighting.map_state(self.gpu)?;
         words.extend(map.words());
         let header = Header {
             version: Header::version(),
             fingerprint: String::new(),
-            samples: self.samples,
-            stage: self.stage,
+            samples: self.sampling.samples,
+            stage: self.view.stage,
             growth: self
+                .sampling
                 .growth
                 .as_ref()
                 .map(|Growth { samples, error, .. }| GrowthHeader { samples: *samples, error: *error }),
-            blocks: self.blocks.clone(),
-            batches: self.batches,
-            shade_at_once: self.shade_at_once,
-            has_visibility_map: self.lighting.visibility_map.is_some(),
+            blocks: self.sampling.blocks.clone(),
+            batches: self.sampling.batches,
+            shade_at_once: self.sampling.shade_at_once,
+            has_visibility_map: self.view.lighting.visibility_map.is_some(),
             totals: self.totals.clone(),
             added: map.added.len(),
             left: map.left,
@@ -89,7 +90,7 @@ impl Renderer<'_> {
         }
         self.restore_trial(header.samples, header.has_visibility_map)?;
         // Counts are by light, and a render cannot have more samples than requested.
-        let has_map = self.lighting.visibility_map.is_some();
+        let has_map = self.view.lighting.visibility_map.is_some();
         if header.has_visibility_map != has_map
             || (has_map && header.totals.photons.len() != self.totals.photons.len())
             || header.samples > self.settings.image.range().count()
@@ -98,7 +99,7 @@ impl Renderer<'_> {
         }
         let image = &self.settings.image;
         if header.stage > LAST_STAGE
-            || header.blocks.is_some() != self.blocks.is_some()
+            || header.blocks.is_some() != self.sampling.blocks.is_some()
             || header.blocks.as_ref().is_some_and(|blocks| !blocks.fits(image))
         {
             return Err(damaged());
@@ -122,16 +123,16 @@ impl Renderer<'_> {
             None => None,
         };
         let map = MapState::from_words(rest, header.added, header.left).ok_or_else(damaged)?;
-        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
-        if !self.lighting.restore(&Shared { gpu, scene, gpu_scene, tile }, &map, &mut self.totals)? {
+        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.view.buffers);
+        if !self.view.lighting.restore(&Shared { gpu, scene, gpu_scene, tile }, &map, &mut self.totals)? {
             return Err(damaged());
         }
         self.restore_stage(header.stage)?;
-        self.samples = header.samples;
-        self.growth = growth;
-        self.blocks.clone_from(&header.blocks);
-        self.batches = header.batches;
-        self.shade_at_once = header.shade_at_once;
+        self.sampling.samples = header.samples;
+        self.sampling.growth = growth;
+        self.sampling.blocks.clone_from(&header.blocks);
+        self.sampling.batches = header.batches;
+        self.sampling.shade_at_once = header.shade_at_once;
         self.totals = header.totals.clone().after(&self.totals);
         Ok(())
     }

@@ -66,7 +66,7 @@ impl Renderer<'_> {
             return Ok(None);
         }
         let limit = self.expected().map_or(1, |expected| expected.fitting(left));
-        let spp = self.samples.saturating_add(limit / MARGIN_FOR_KERNELS).min(self.settings.image.spp);
+        let spp = self.sampling.samples.saturating_add(limit / MARGIN_FOR_KERNELS).min(self.settings.image.spp);
         self.add_samples(limit, spp).map(Some)
     }
 
@@ -93,7 +93,7 @@ impl Renderer<'_> {
             return true;
         }
         let fits_alone = self.is_allocation_due() && self.seconds_of_sample().is_some_and(|sample| sample <= seconds);
-        if let Some(blocks) = self.blocks.as_mut().filter(|_| fits_alone) {
+        if let Some(blocks) = self.sampling.blocks.as_mut().filter(|_| fits_alone) {
             blocks.double();
         }
         fits_alone
@@ -102,7 +102,7 @@ impl Renderer<'_> {
     /// Expected times of the next samples; `None` before the first batch.
     fn expected(&self) -> Option<Expected> {
         let sample = self.seconds_of_sample()?;
-        Some(match self.seconds_to_allocate {
+        Some(match self.sampling.seconds_to_allocate {
             _ if !self.is_allocation_due() => Expected { before: 0.0, sample },
             Some(before) => Expected { before, sample },
             None => Expected { before: sample, sample: ALLOCATED_SAMPLE * sample },
@@ -122,7 +122,7 @@ impl Renderer<'_> {
     /// Expected seconds to advance to a stage.
     fn seconds_to(&self, stage: i32) -> f64 {
         let rays = |stage: i32| settings_of_stage(&self.settings, stage).gather_rays();
-        let rays = rays(stage) - rays(self.stage);
-        self.lighting.indirect.as_ref().map_or(0.0, |indirect| indirect.cost().of(1, rays))
+        let rays = rays(stage) - rays(self.view.stage);
+        self.view.lighting.indirect.as_ref().map_or(0.0, |indirect| indirect.cost().of(1, rays))
     }
 }

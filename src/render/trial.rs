@@ -21,10 +21,10 @@ impl Renderer<'_> {
     /// expected to end with `spp` samples per pixel, and emits them if so. If only time is lacking, the decision waits,
     /// as there may be more of it later.
     pub(super) fn begin_trial(&mut self, spp: u32) -> Result<()> {
-        if self.samples == 0 || self.with_photons.is_none() {
+        if self.sampling.samples == 0 || self.with_photons.is_none() {
             return Ok(());
         }
-        let problem = |spp: u32| problem_of_photons(&self.totals, self.samples, spp);
+        let problem = |spp: u32| problem_of_photons(&self.totals, self.sampling.samples, spp);
         let problem_of_all = problem(self.settings.image.spp);
         if problem(spp).is_none() {
             return self.make_photons();
@@ -51,7 +51,7 @@ impl Renderer<'_> {
         let Some(specialisation) = self.with_photons.clone() else { return Ok(()) };
         let start = Instant::now();
         let (gpu, scene, gpu_scene, tile, settings) =
-            (self.gpu, &self.scene, &self.gpu_scene, &self.buffers, &self.settings);
+            (self.gpu, &self.scene, &self.gpu_scene, &self.view.buffers, &self.settings);
         let direct_kernels = DirectKernels::new(gpu, &specialisation.features, &gpu_scene.constants(), settings)?;
         gpu.compile_ahead(gpu_scene)?;
         self.totals.time_compile += start.elapsed().as_secs_f64();
@@ -59,31 +59,31 @@ impl Renderer<'_> {
         let mut first_pass = FirstPass {
             shared: Shared { gpu, scene, gpu_scene, tile },
             direct_kernels,
-            indirect_kernels: &self.indirect_kernels,
-            primary: &self.primary,
+            indirect_kernels: &self.view.indirect_kernels,
+            primary: &self.view.primary,
             view: &self.camera,
             camera: &CameraUniform::new(&self.camera, settings.image.width, settings.image.height),
             settings,
             indirect_settings: settings,
-            points: self.tile_size.points,
+            points: self.view.tile_size.points,
             totals: &mut self.totals,
             made: MadeMaps::default(),
-            lighting: mem::take(&mut self.lighting),
+            lighting: mem::take(&mut self.view.lighting),
         };
         let bytes = first_pass.lighting.frame_bytes();
         // The old buffers are dropped first, so that the device need not hold both.
         first_pass.lighting.direct = None;
         let steps = [FirstPass::make_visibility_map, FirstPass::make_fine_cells, FirstPass::make_direct_light];
         let made = steps.into_iter().try_for_each(|step| step(&mut first_pass));
-        self.lighting = first_pass.lighting;
+        self.view.lighting = first_pass.lighting;
         // After an error `with_photons` stays set, so the next batch tries again.
         made?;
         gpu.wait("photons")?;
-        self.totals.frame_bytes += self.lighting.frame_bytes().saturating_sub(bytes);
+        self.totals.frame_bytes += self.view.lighting.frame_bytes().saturating_sub(bytes);
         self.totals.time_render += start.elapsed().as_secs_f64();
         (self.specialisation, self.with_photons) = (specialisation, None);
         // It is not known yet how many points photons leave to shadow rays.
-        self.shade_at_once = false;
+        self.sampling.shade_at_once = false;
         Ok(())
     }
 
@@ -101,7 +101,7 @@ impl Renderer<'_> {
     /// Ends the trial after its last batch. Before that batch pixels had `samples` samples, and `counted` points were
     /// classified.
     pub(super) fn end_trial(&mut self, samples: u32, counted: &Points) -> Result<()> {
-        let ends = samples < TRIAL_SAMPLES && self.samples >= TRIAL_SAMPLES;
+        let ends = samples < TRIAL_SAMPLES && self.sampling.samples >= TRIAL_SAMPLES;
         if !ends || !is_on_trial(&self.specialisation, &self.settings) {
             return Ok(());
         }
@@ -116,15 +116,15 @@ impl Renderer<'_> {
     /// Traces all shadow rays from now on.
     fn leave_out_photons(&mut self) -> Result<()> {
         let start = Instant::now();
-        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.view.buffers);
         let reason = "its photons decided few points";
         self.specialisation = without_photons(&self.specialisation, scene, &self.camera, &self.settings, reason);
         let features = &self.specialisation.features;
         let kernels = DirectLightKernels::new(gpu, features, &gpu_scene.constants(), &self.settings)?;
-        let lighting = &mut self.lighting;
+        let lighting = &mut self.view.lighting;
         (lighting.direct, lighting.visibility_map, lighting.fine_cells) = (None, None, None);
         let shared = Shared { gpu, scene, gpu_scene, tile };
-        lighting.make_direct_light(&shared, kernels, self.tile_size.points, &self.settings)?;
+        lighting.make_direct_light(&shared, kernels, self.view.tile_size.points, &self.settings)?;
         self.totals.time_compile += start.elapsed().as_secs_f64();
         Ok(())
     }

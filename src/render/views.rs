@@ -3,9 +3,10 @@
 use std::mem;
 use std::time::Instant;
 
-use super::blocks::Blocks;
 use super::photon_benefit::of_first_sample;
-use super::renderer::{Kernels, PreparedView, Renderer, ViewOf};
+use super::prepared_view::{Kernels, ViewOf};
+use super::renderer::Renderer;
+use super::sampling_state::SamplingState;
 use crate::light_transport::first_pass::MadeMaps;
 use crate::light_transport::indirect_light::{IndirectLight, MadeIndirect};
 use crate::light_transport::lighting::Lighting;
@@ -39,7 +40,8 @@ impl Renderer<'_> {
         self.begin_view(camera, size, true)
     }
 
-    fn begin_view(&mut self, camera: &Camera, [width, height]: [u32; 2], is_preview: bool) -> Result<()> {
+    /// Checks what the kernels and the sums of this renderer allow.
+    fn check_view(&self, camera: &Camera) -> Result<()> {
         if self.settings.image.piece.is_some() {
             return Err(Error::setting("image.piece", "must not be set: a piece cannot render another view"));
         }
@@ -47,7 +49,12 @@ impl Renderer<'_> {
             let problem = "a renderer cannot switch between a pinhole and a lens: make another renderer";
             return Err(Error::Usage(problem.into()));
         }
-        let photons = self.lighting.visibility_map.is_some().then(|| self.settings.photons_per_light());
+        Ok(())
+    }
+
+    fn begin_view(&mut self, camera: &Camera, [width, height]: [u32; 2], is_preview: bool) -> Result<()> {
+        self.check_view(camera)?;
+        let photons = self.view.lighting.visibility_map.is_some().then(|| self.settings.photons_per_light());
         let settings = self.settings.clone().with(|s| {
             s.visibility_map.photons_per_light = self.requested_photons.or(photons.filter(|_| is_preview));
             (s.image.width, s.image.height) = (width, height);
@@ -60,43 +67,46 @@ impl Renderer<'_> {
         } else {
             self.with_photons = None;
         }
-        let (gpu, gpu_scene, specialisation) = (self.gpu, &self.gpu_scene, &self.specialisation);
-        gpu_scene.set_camera(gpu, camera, [width, height]);
+        self.gpu_scene.set_camera(self.gpu, camera, [width, height]);
         let start = Instant::now();
-        let kernels = Kernels::new(gpu, specialisation, &gpu_scene.constants(), &settings)?;
-        gpu.compile_ahead(gpu_scene)?;
+        let kernels = Kernels::new(self.gpu, &self.specialisation, &self.gpu_scene.constants(), &settings)?;
+        self.gpu.compile_ahead(&self.gpu_scene)?;
         let time_compile = start.elapsed().as_secs_f64();
-        // Data that only the last view needs is released first.
-        let Lighting { visibility_map, indirect, .. } = mem::take(&mut self.lighting);
-        self.tiles.clear();
-        let has_map = self.specialisation.features.has(Feature::VisibilityMap);
-        let visibility_map = visibility_map.filter(|_| has_map && photons == Some(settings.photons_per_light()));
-        // Other stages have other photons.
-        let MadeIndirect { map, records } = indirect.map(IndirectLight::into_made).unwrap_or_default();
-        let map = map.filter(|_| self.stage == self.first_stage()).or(self.first_map.take());
-        if mem::replace(&mut self.is_preview, is_preview) {
-            self.kept_records = records;
-        }
-        let records = if is_preview { self.kept_records.take() } else { None };
-        let made = MadeMaps { visibility_map, indirect: MadeIndirect { map, records } };
+        let made = self.take_maps(photons == Some(settings.photons_per_light()), is_preview);
         let mut totals = self.totals.of_another_view();
         totals.time_compile += time_compile;
         if made.visibility_map.is_none() {
             (totals.photons, totals.photon_bytes) = (Vec::new(), 0);
         }
-        let features = &specialisation.features;
-        let view = ViewOf { gpu, scene: &self.scene, gpu_scene, features, camera, settings: &settings };
-        let PreparedView { primary, film, lighting, indirect_kernels, buffers, tiles, tile_size, stage } =
-            view.prepare(kernels, made, &mut totals)?;
-        self.blocks = Blocks::of(&settings.image);
-        (self.primary, self.film) = (primary, film);
-        (self.lighting, self.indirect_kernels) = (lighting, indirect_kernels);
-        (self.buffers, self.tiles, self.tile_size) = (buffers, tiles, tile_size);
+        let inputs = ViewOf {
+            gpu: self.gpu,
+            scene: &self.scene,
+            gpu_scene: &self.gpu_scene,
+            features: &self.specialisation.features,
+            camera,
+            settings: &settings,
+        };
+        self.view = inputs.prepare(kernels, made, &mut totals)?;
+        self.sampling = SamplingState::new(&settings.image, false);
         (self.camera, self.settings, self.totals) = (camera.clone(), settings, totals);
-        (self.stage, self.samples, self.batches, self.shade_at_once) = (stage, 0, 0, false);
-        (self.growth, self.errors) = (None, None);
-        (self.seconds_per_sample, self.seconds_to_allocate) = (None, None);
         self.has_other_views = true;
         Ok(())
+    }
+
+    /// Takes the maps that the next view can use; whatever else belongs to the last view is released, before the next
+    /// one needs memory. `is_as_many`: the next view has as many visibility photons.
+    fn take_maps(&mut self, is_as_many: bool, is_preview: bool) -> MadeMaps {
+        let Lighting { visibility_map, indirect, .. } = mem::take(&mut self.view.lighting);
+        self.view.tiles.clear();
+        let has_map = self.specialisation.features.has(Feature::VisibilityMap);
+        let visibility_map = visibility_map.filter(|_| has_map && is_as_many);
+        // Other stages have other photons.
+        let MadeIndirect { map, records } = indirect.map(IndirectLight::into_made).unwrap_or_default();
+        let map = map.filter(|_| self.view.stage == self.first_stage()).or(self.first_map.take());
+        if mem::replace(&mut self.is_preview, is_preview) {
+            self.kept_records = records;
+        }
+        let records = if is_preview { self.kept_records.take() } else { None };
+        MadeMaps { visibility_map, indirect: MadeIndirect { map, records } }
     }
 }

@@ -1,0 +1,41 @@
+//! The samples of a view so far.
+
+use super::blocks::{Blocks, PixelErrors};
+use super::growth::Growth;
+use crate::settings::ImageSettings;
+
+/// The samples of a view so far, and what decides on its next ones.
+pub(super) struct SamplingState {
+    /// Samples per pixel: the maximum over the pixels with `ImageSettings::noise`, the mean with `Sampling::Adaptive`.
+    pub samples: u32,
+    /// Calls of [`render_batch`](super::Renderer::render_batch) so far.
+    pub batches: u32,
+    /// Which pixels get samples, if some get more than others.
+    pub blocks: Option<Blocks>,
+    /// Estimated errors of pixels that decided on gather rays, kept for the decision on samples that follows.
+    pub errors: Option<PixelErrors>,
+    /// The estimates that decide when records get more gather rays; `None` before the first sample.
+    pub growth: Option<Growth>,
+    /// See [`crate::passes::shade::ShadeParameters::at_once`].
+    pub shade_at_once: bool,
+    /// Seconds of one sample of every pixel, by the last batch; `None` before the first batch.
+    pub seconds_per_sample: Option<f64>,
+    /// Seconds of the last decision on which pixels get more samples, in adaptive sampling with a fixed budget.
+    pub seconds_to_allocate: Option<f64>,
+}
+
+impl SamplingState {
+    /// Before the first sample of an image.
+    pub fn new(image: &ImageSettings, shade_at_once: bool) -> SamplingState {
+        SamplingState {
+            samples: 0,
+            batches: 0,
+            blocks: Blocks::of(image),
+            errors: None,
+            growth: None,
+            shade_at_once,
+            seconds_per_sample: None,
+            seconds_to_allocate: None,
+        }
+    }
+}
