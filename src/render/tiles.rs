@@ -265,7 +265,7 @@ mod tests {
         // With 2^21 light points per point, 2,047 points have fewer than 2^32.
         assert_eq!(size(Technique::TWO_PASS, 2047).unwrap().rows, 1);
         let problem = size(Technique::TWO_PASS, 2048).err().unwrap().to_string();
-        let told = ["2048 lights", "2047 at most", "`image.crop`", "`shadow_rays.samples`"];
+        let told = ["2048 lights", "at most 2047", "`image.crop`", "`shadow_rays.samples`"];
         assert!(told.iter().all(|words| problem.contains(words)), "{problem}");
         assert_eq!(size(Technique::PATH, 4096).unwrap().rows, 16, "paths count no light points");
     }
