@@ -347,8 +347,8 @@ fn checkpoints_of_something_else_are_refused() {
         (flipped, "damaged"),
         (good[..good.len() - 4].to_vec(), "damaged"),
         (good[..30].to_vec(), "damaged"),
-        (b"something else".to_vec(), "no checkpoint"),
-        (Vec::new(), "no checkpoint"),
+        (b"something else".to_vec(), "not a checkpoint"),
+        (Vec::new(), "not a checkpoint"),
     ];
     for (bytes, word) in cases {
         fs::write(&state, bytes).unwrap();

@@ -95,7 +95,7 @@ fn the_first_picture_comes_before_photons() {
 
 /// `Renderer::set_view` leaves nothing of the view before: not its samples, its audits, or its stage of indirect light.
 #[test]
-fn another_look_of_a_renderer_has_the_bits_of_a_new_one() {
+fn another_view_of_a_renderer_has_the_bits_of_a_new_one() {
     let scene = Scene::load(SPHERE, &ImportOptions::default()).unwrap();
     let view = scene.frame_camera();
     // 64 samples reach the second stage; without fine cells, audits repair the map.
