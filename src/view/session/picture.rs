@@ -74,7 +74,7 @@ pub trait Source: Send + Sync {
     /// The camera, for an image of `aspect` times its height.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the scene has no such camera.
+    /// [`Error::Usage`](crate::Error::Usage) if the scene has no such camera.
     fn camera(&self, scene: &Scene, eye: &Eye, aspect: f32) -> Result<Camera>;
 
     /// The denoiser; without one, why.
