@@ -12,8 +12,8 @@ import package::lib::packet::{no_ray, trace_closest_together, trace_occluded_tog
 import package::kit::group_index;
 import package::lib::irradiance::{IRRADIANCE_TEXELS, encode_disc};
 import package::lib::grid::{
-    COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, point_ball,
-    reach_guess, row_photons, rows_about
+    COMPATIBLE_COSINE_SQUARED, FAR, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest,
+    point_ball, reach_guess, row_photons, rows_about
 };
 @if(!(photon_map || caustics)) import package::lib::math::{PI, basis, circle_point, is_finite3};
 @if(photon_map || caustics) import package::lib::math::{
@@ -146,7 +146,8 @@ fn caustics(
     var reflected = bsdf_diffuse(visible_surface(surface, point));
     @if(specular_chains) { reflected *= surface.chain.xyz; }
     let query = photon_query(surface, point);
-    let disc = flux_about(query.position, query.normal, MAX_REACH_OF_POINTS);
+    var no_walls: Walls;
+    let disc = flux_about(query.position, query.normal, reach_at(query.position, MAX_REACH_OF_POINTS), &no_walls);
     if disc.radius <= 0.0 && !traversal_overrun { return; }
     let radiance = reflected * disc.flux / (PI * disc.radius * disc.radius);
     radiance_indirect[i] += vec4f(checked(radiance, i), 0.0);
@@ -195,9 +196,11 @@ struct Estimate {
 // The mean then equals that of a map of positive photons alone, which has no photons there. All lanes of a subgroup
 // trace at the same time (lib/packet), those that are not `there` no rays.
 fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32, there: bool, lane: u32) -> Estimate {
+    let reach = reach_at(position, max_reach);
+    var walls: Walls;
+    let share = covered(position, normal, select(0.0, reach * irradiance_pass.grid.cell, there), &walls, lane);
     var disc: Disc;
-    if there { disc = flux_about(position, normal, max_reach); }
-    let share = covered(position, normal, disc.radius, lane);
+    if there { disc = flux_about(position, normal, reach, &walls); }
     // In a gap too narrow for every probe, the area is unknown.
     var found: Estimate;
     found.disc = NO_ESTIMATE;
@@ -244,13 +247,18 @@ struct Disc {
     @if(caustic_irradiance) caustic: vec3f,
 }
 
-// Sums the photons of the disc around a position. The radius is that of a disc that holds k photons at the mean density
-// of the 27 cells around it. Because it does not depend on which photons lie in the disc, it adds no bias for any k.
-// `max_reach` is in cells.
-fn flux_about(position: vec3f, normal: vec3f, max_reach: f32) -> Disc {
+// The radius of the disc around a position, in cells, at most `max_reach`: that of a disc that holds k photons at the
+// mean density of the 27 cells around it. Because it does not depend on which photons lie in the disc, it adds no bias
+// for any k.
+fn reach_at(position: vec3f, max_reach: f32) -> f32 {
+    let grid = irradiance_pass.grid;
+    return min(reach_guess(grid, 0u, cell_of(grid, position), irradiance_pass.shrink), max_reach);
+}
+
+// Sums the photons of the disc around a position, less those that walls hide. `reach` is in cells.
+fn flux_about(position: vec3f, normal: vec3f, reach: f32, walls: ptr<function, Walls>) -> Disc {
     let grid = irradiance_pass.grid;
     let at = (position - grid.origin) * grid.inverse_cell;
-    let reach = min(reach_guess(grid, 0u, cell_of(grid, position), irradiance_pass.shrink), max_reach);
     let radius = reach * grid.cell;
     let limit = radius * radius;
     var sum = vec3i(0);
@@ -268,7 +276,11 @@ fn flux_about(position: vec3f, normal: vec3f, max_reach: f32) -> Disc {
             }
             for (var p = row.x; p < row.y; p++) {
                 let photon = load_photon(p);
-                let flux = select(vec3i(0), flux_of(photon.w), counted_distance(photon, position, normal) <= limit);
+                var counts = counted_distance(photon, position, normal) <= limit;
+                @if(!negative_photons) {
+                    if counts { counts = !is_hidden(bitcast<vec3f>(photon.xyz) - position, walls); }
+                }
+                let flux = select(vec3i(0), flux_of(photon.w), counts);
                 sum += flux;
                 @if(caustic_irradiance) { caustic += select(vec3i(0), flux, photon_is_caustic(photon.w)); }
             }
@@ -279,6 +291,51 @@ fn flux_about(position: vec3f, normal: vec3f, max_reach: f32) -> Disc {
     disc.radius = radius;
     @if(caustic_irradiance) { disc.caustic = vec3f(caustic) * irradiance_pass.step; }
     return disc;
+}
+
+// How far behind a wall's plane a position must be to be behind the wall, in radii: photons of the wall itself are not,
+// whatever rounding does.
+const BEHIND = 1e-3;
+
+// What has stopped the probes of a disc (`covered`) on their way from its centre. Positions are relative to the centre.
+struct Walls {
+    // A bit for each probe that a wall has stopped.
+    stopped: u32,
+    // Where the probes were sent, on the disc.
+    targets: array<vec3f, PROBES>,
+    // The plane of the wall that has stopped a probe: of the positions v behind it, dot(xyz, v) is less than w.
+    planes: array<vec4f, PROBES>,
+}
+
+fn is_stopped(walls: ptr<function, Walls>, probe: u32) -> bool { return ((walls.stopped >> probe) & 1u) != 0u; }
+
+fn is_behind(walls: ptr<function, Walls>, probe: u32, at: vec3f) -> bool {
+    let plane = walls.planes[probe];
+    return dot(plane.xyz, at) < plane.w;
+}
+
+// Whether a wall hides a photon of the disc from its centre. `covered` does not count the surface there, so that the
+// light of a bright room would leak into a dark one through a thin wall. The photon is behind the wall that has stopped
+// the probe of the nearest direction, and no probe of a nearer direction has passed that wall's plane.
+@if(!negative_photons)
+fn is_hidden(at: vec3f, walls: ptr<function, Walls>) -> bool {
+    if walls.stopped == 0u { return false; }
+    var wall = 0u;
+    var most = -FAR;
+    for (var j = 0u; j < PROBES; j++) {
+        let along = dot(at, normalize(walls.targets[j]));
+        if is_stopped(walls, j) && along > most {
+            wall = j;
+            most = along;
+        }
+    }
+    var hidden = is_behind(walls, wall, at);
+    for (var j = 0u; j < PROBES && hidden; j++) {
+        let other = walls.targets[j];
+        let nearer = dot(at, normalize(other)) > most;
+        hidden = !(nearer && is_behind(walls, wall, other));
+    }
+    return hidden;
 }
 
 struct Covered {
@@ -299,7 +356,7 @@ const MAX_CLEAR = 0.8;
 // makes the estimate too dark (boundary bias; Hey and Purgathofer 2002 also correct it by the geometry). Each probe
 // traces from the position to a point above its sample of the disc, and from there down to the surface. A disc without
 // a radius has no probes.
-fn covered(position: vec3f, normal: vec3f, radius: f32, lane: u32) -> Covered {
+fn covered(position: vec3f, normal: vec3f, radius: f32, walls: ptr<function, Walls>, lane: u32) -> Covered {
     let frame = basis(normal);
     let origin = offset_origin(position, normal);
     let bits = bitcast<vec3u>(position);
@@ -324,8 +381,19 @@ fn covered(position: vec3f, normal: vec3f, radius: f32, lane: u32) -> Covered {
             down = Ray(above, height - reach, -normal, height + reach);
         }
         let sample = RaySample(hash1(bits.x + j), 0u);
-        let blocked = trace_occluded_together(to_above, sample, lane);
-        @if(!negative_photons) { if blocked { down = no_ray(); } }
+        @if(negative_photons) let blocked = trace_occluded_together(to_above, sample, lane);
+        @if(!negative_photons) {
+            walls.targets[j] = across;
+            let wall = trace_closest_together(to_above, sample, lane);
+            if wall.triangle != NO_HIT {
+                down = no_ray();
+                let facing = normalize(hit_normal(wall));
+                let towards = select(facing, -facing, dot(facing, to_above.direction) > 0.0);
+                let at = origin - position + wall.t * to_above.direction;
+                walls.planes[j] = vec4f(towards, dot(towards, at) - BEHIND * radius);
+                walls.stopped |= 1u << j;
+            }
+        }
         let hit = trace_closest_together(down, sample, lane);
         if hit.triangle == NO_HIT { continue; }
         @if(negative_photons) {

@@ -184,7 +184,6 @@ const BOUNDS: (Vec3, Vec3) = (Vec3::splat(-0.5), Vec3::splat(0.5));
 struct Expected {
     /// Steps of flux over the disc's area, not yet divided by the share of the disc that is surface.
     density: DVec3,
-    radius: f64,
     /// Whether rounding decides which photons count.
     doubtful: bool,
 }
@@ -196,14 +195,9 @@ fn cell_at(shape: &GridShape, position: Vec3) -> [i64; 3] {
     })
 }
 
-/// The disc would hold k photons at the mean density of 27 cells, nine of which are on a surface. Its radius is at most
-/// four cells. Photons count within an ellipsoid a quarter as high as wide, with normals within 45 degrees.
-fn brute_force(photons: &[Photon], shape: &GridShape, irradiance_point: &Photon) -> Expected {
-    density(photons, shape, Vec3::from(irradiance_point.position), photon_normal(irradiance_point.word), 1.0, 4.0)
-}
-
-/// The same for a point and a normal, with a disc `shrink` times as wide, but at most `max_reach` cells.
-fn density(photons: &[Photon], shape: &GridShape, x: Vec3, n: DVec3, shrink: f64, max_reach: f64) -> Expected {
+/// The radius of the disc at `x`: it would hold k photons at the mean density of 27 cells, nine of which are on a
+/// surface; `shrink` times as wide, but at most `max_reach` cells.
+fn radius_at(photons: &[Photon], shape: &GridShape, x: Vec3, shrink: f64, max_reach: f64) -> f64 {
     let here = cell_at(shape, x);
     let about = |p: &&Photon| {
         let there = cell_at(shape, Vec3::from(p.position));
@@ -211,8 +205,18 @@ fn density(photons: &[Photon], shape: &GridShape, x: Vec3, n: DVec3, shrink: f64
     };
     let crowd = photons.iter().filter(about).count().max(1);
     let reach = (shrink * (f64::from(IRRADIANCE_NEAREST) * 9.0 / (PI * crowd as f64)).sqrt()).min(max_reach);
-    let radius = reach * f64::from(shape.cell);
-    let mut expected = Expected { density: DVec3::ZERO, radius, doubtful: false };
+    reach * f64::from(shape.cell)
+}
+
+/// The same at an irradiance point, whose disc is at most four cells wide.
+fn radius_of(photons: &[Photon], shape: &GridShape, irradiance_point: &Photon) -> f64 {
+    radius_at(photons, shape, Vec3::from(irradiance_point.position), 1.0, 4.0)
+}
+
+/// Photons count within an ellipsoid a quarter as high as wide, with normals within 45 degrees, unless `probes` find
+/// them hidden by a wall.
+fn density(photons: &[Photon], x: Vec3, n: DVec3, radius: f64, probes: Option<&Probes>) -> Expected {
+    let mut expected = Expected { density: DVec3::ZERO, doubtful: false };
     for p in photons {
         let v = (Vec3::from(p.position) - x).as_dvec3();
         let distance = (v.length_squared() + 15.0 * v.dot(n).powi(2)).sqrt();
@@ -220,20 +224,63 @@ fn density(photons: &[Photon], shape: &GridShape, x: Vec3, n: DVec3, shrink: f64
         // Differences of coordinates up to 1 and normals decoded in f32: within 1e-6.
         expected.doubtful |= (distance - radius).abs() < 2e-6 || (distance < radius && excess.abs() < 1e-5);
         if distance <= radius && excess > 0.0 {
-            let sign = if p.word >> 31 == 1 { -1.0 } else { 1.0 };
-            expected.density += sign * steps(p.word) / (PI * radius * radius);
+            let hidden = probes.map_or(Some(false), |probes| probes.hide(v));
+            expected.doubtful |= hidden.is_none();
+            if hidden != Some(true) {
+                let sign = if p.word >> 31 == 1 { -1.0 } else { 1.0 };
+                expected.density += sign * steps(p.word) / (PI * radius * radius);
+            }
         }
     }
     expected
 }
 
-/// The area of the surface in the search ellipsoid over that of the disc, by probes, and the clear part of its radius;
-/// `None` if rounding decides.
-fn covered(stage: &Stage, irradiance_point: &Photon, radius: f64) -> Option<(f64, f64)> {
-    covered_about(stage, Vec3::from(irradiance_point.position), photon_normal(irradiance_point.word), radius)
+/// The estimate at an irradiance point, not yet divided by the share of the disc that is surface.
+fn brute_force(photons: &[Photon], irradiance_point: &Photon, radius: f64, probes: Option<&Probes>) -> Expected {
+    let (x, n) = (Vec3::from(irradiance_point.position), photon_normal(irradiance_point.word));
+    density(photons, x, n, radius, probes)
 }
 
-fn covered_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option<(f64, f64)> {
+/// What the probes of a disc find.
+struct Probes {
+    /// The area of the surface in the search ellipsoid over that of the disc; 0 if no probe found any.
+    share: f64,
+    /// The clear part of its radius.
+    clear: f64,
+    /// Where each probe was sent on the disc, from its centre, and the wall that stopped it: its normal, turned to the
+    /// centre, and the least product with it of a position that is not behind the wall.
+    sent: Vec<(DVec3, Option<(DVec3, f64)>)>,
+}
+
+impl Probes {
+    /// Whether a wall hides a photon at `v` from the disc's centre: that of the stopped probe whose direction is
+    /// nearest. It does not if a probe of a nearer direction has passed the wall's plane. `None` if rounding decides.
+    fn hide(&self, v: DVec3) -> Option<bool> {
+        let along = |target: DVec3| v.dot(target.normalize());
+        let stopped = self.sent.iter().filter_map(|(target, wall)| wall.map(|wall| (along(*target), wall)));
+        let mut stopped: Vec<_> = stopped.collect();
+        stopped.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let Some((most, (normal, least))) = stopped.first() else { return Some(false) };
+        // Positions are within 1e-6.
+        let is_tie = stopped.get(1).is_some_and(|(second, _)| most - second < 4e-6);
+        let excess = |v: DVec3| normal.dot(v) - least;
+        let passed = self.sent.iter().filter(|(_, wall)| wall.is_none()).map(|(target, _)| *target);
+        // Only probes that rounding may let pass or be nearer.
+        let passed: Vec<_> = passed.filter(|t| along(*t) > most - 4e-6 && excess(*t) < 4e-6).collect();
+        let is_certain = |t: &DVec3| along(*t) > most + 4e-6 && excess(*t) < -4e-6;
+        if excess(v).abs() < 4e-6 || (excess(v) < 0.0 && (is_tie || !passed.iter().all(is_certain))) {
+            return None;
+        }
+        Some(excess(v) < 0.0 && passed.is_empty())
+    }
+}
+
+/// The probes of the disc of an irradiance point; `None` if rounding decides.
+fn probes(stage: &Stage, irradiance_point: &Photon, radius: f64) -> Option<Probes> {
+    probes_about(stage, Vec3::from(irradiance_point.position), photon_normal(irradiance_point.word), radius)
+}
+
+fn probes_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option<Probes> {
     let x = position.as_dvec3();
     // Two tangents (Duff et al. 2017).
     let sign = if n.z >= 0.0 { 1.0 } else { -1.0 };
@@ -244,16 +291,18 @@ fn covered_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option
     let [i, j, k] = position.to_array().map(f32::to_bits);
     let rotation = f64::from(hash(&[k, j, i]) >> 8) / f64::from(1 << 24);
     let height = radius / 4.0;
-    let (mut found, mut slant) = (0, 0.0);
+    let (mut found, mut slant, mut sent) = (0, 0.0, Vec::new());
     for probe in 0..PROBES {
         let part = (f64::from(probe) + 0.5) / f64::from(PROBES);
         let distance = radius * part.sqrt();
         let angle = TAU * (rotation + f64::from(probe) * 0.61803399);
-        let above = x + distance * (angle.cos() * tangents[0] + angle.sin() * tangents[1]) + height * n;
+        let across = distance * (angle.cos() * tangents[0] + angle.sin() * tangents[1]);
+        let above = x + across + height * n;
         // Rays start 1e-5 to 3e-5 above the surface.
         let origin = x + 2e-5 * n;
         let length = (above - origin).length();
-        let there = crossings(&stage.scene, origin, (above - origin) / length);
+        let towards = (above - origin) / length;
+        let there = crossings(&stage.scene, origin, towards);
         let down = crossings(&stage.scene, above, -n);
         // Half the height of the ellipsoid at the probe.
         let half = height * (1.0 - part).sqrt();
@@ -264,10 +313,16 @@ fn covered_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option
             let at_end = |c: &Crossing| (c.t - start).abs().min((c.t - end).abs()) < 1e-5;
             let doubtful = |c: &Crossing| at_end(c) || (c.inside.abs() < 1e-4 && c.t > start && c.t < end);
             let first = all.iter().find(|c| c.t > start && c.t < end && c.inside > 0.0);
-            if all.iter().any(doubtful) { None } else { Some(first.map(|c| c.normal.dot(n).abs())) }
+            if all.iter().any(doubtful) { None } else { Some(first) }
         });
-        let (blocked, lands) = (hits[0]?.is_some(), hits[1]?);
-        let Some(cosine) = lands.filter(|_| !blocked) else { continue };
+        let [wall, lands] = [hits[0]?, hits[1]?];
+        // A thousandth of the radius behind the wall, since photons of the wall itself are not behind it.
+        let wall = wall.map(|crossing| {
+            let normal = -crossing.normal * crossing.normal.dot(towards).signum();
+            (normal, normal.dot(origin + crossing.t * towards - x) - 1e-3 * radius)
+        });
+        sent.push((across, wall));
+        let Some(cosine) = lands.filter(|_| wall.is_none()).map(|c| c.normal.dot(n).abs()) else { continue };
         if (cosine - 0.5f64.sqrt()).abs() < 1e-5 {
             return None;
         }
@@ -276,12 +331,15 @@ fn covered_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option
             slant += 1.0 / cosine;
         }
     }
+    if found == 0 {
+        return Some(Probes { share: 0.0, clear: 0.0, sent });
+    }
     // An unbiased estimate of 1 over the share.
-    let share = slant / f64::from(found.max(1)) * f64::from(found + 1) / f64::from(PROBES + 1);
+    let share = slant / f64::from(found) * f64::from(found + 1) / f64::from(PROBES + 1);
     // The relative radius at which a straight edge cuts off as much as the missing probes and one more.
     let missing = f64::from(PROBES - found + 1) / f64::from(PROBES);
     let clear = if found == PROBES { 0.8 } else { (1.0 - (2.0 * missing).powf(0.63)).max(0.0) };
-    Some(if found == 0 { (0.0, 0.0) } else { (share, clear) })
+    Some(Probes { share, clear, sent })
 }
 
 /// A floor and a wall at its side, a cube that stands on the floor.
@@ -342,11 +400,12 @@ pub fn rounding(gpu: &Gpu) -> Vec<f64> {
         1e-4,
     );
     let error = |(irradiance_point, [r, g, b, _]): (&Photon, &[f32; 4])| {
-        let expected = brute_force(&photons, &shape, irradiance_point);
-        let (share, _) = covered(&bench.stage, irradiance_point, expected.radius).filter(|_| !expected.doubtful)?;
-        let right = expected.density * f64::from(1e-4f32) / share;
+        let radius = radius_of(&photons, &shape, irradiance_point);
+        let probes = probes(&bench.stage, irradiance_point, radius)?;
+        let expected = brute_force(&photons, irradiance_point, radius, Some(&probes));
+        let right = expected.density * f64::from(1e-4f32) / probes.share;
         let value = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
-        (share > 0.0).then(|| ((value - right).abs() / right).max_element())
+        (!expected.doubtful && probes.share > 0.0).then(|| ((value - right).abs() / right).max_element())
     };
     estimates.points.iter().zip(&estimates.irradiances).filter_map(error).collect()
 }
@@ -356,7 +415,9 @@ pub fn rounding(gpu: &Gpu) -> Vec<f64> {
 /// grids of full and of sparse cells.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn estimates_are_those_of_brute_force(gpu: &Gpu) {
-    let rectangles = corner_and_cube();
+    let mut rectangles = corner_and_cube();
+    // A partition across the floor, with an end.
+    rectangles.push(Rectangle(Vec3::new(-0.5, -0.5, -0.25), Vec3::new(0.8, 0.0, 0.0), Vec3::new(0.0, 0.3, 0.0)));
     let bench = Bench::new(gpu, &rectangles);
     let mut random = Random(2);
     // Some normals differ from those of their surface.
@@ -365,8 +426,10 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
         let tilt = if random.unit() < 0.7 { 0.0 } else { random.unit() };
         (position, (normal + tilt * random.direction()).normalize())
     };
-    let (mut checked, mut doubts, mut partly, mut wide) = (0, 0, 0, 0);
-    for (photon_count, irradiance_point_count) in [(0, 65), (1, 1), (20, 0), (3000, 63), (3000, 64), (20_000, 400)] {
+    let (mut checked, mut doubts, mut partly, mut wide, mut hidden) = (0, 0, 0, 0, 0);
+    for (photon_count, irradiance_point_count) in
+        [(0, 65), (1, 1), (20, 0), (3000, 63), (3000, 64), (3000, 1000), (20_000, 400)]
+    {
         let photons: Vec<Photon> = (0..photon_count)
             .map(|_| {
                 let (position, normal) = tilted(&mut random);
@@ -389,14 +452,18 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
             step,
         );
         for (irradiance_point, [r, g, b, radius]) in estimates.points.iter().zip(&estimates.irradiances) {
-            let expected = brute_force(&photons, &shape, irradiance_point);
             checked += 1;
-            let Some((share, clear)) =
-                covered(&bench.stage, irradiance_point, expected.radius).filter(|_| !expected.doubtful)
-            else {
+            let expected_radius = radius_of(&photons, &shape, irradiance_point);
+            let probes = probes(&bench.stage, irradiance_point, expected_radius);
+            let found = probes.map(|probes| {
+                let expected = brute_force(&photons, irradiance_point, expected_radius, Some(&probes));
+                (probes, expected)
+            });
+            let Some((probes, expected)) = found.filter(|(_, expected)| !expected.doubtful) else {
                 doubts += 1;
                 continue;
             };
+            let Probes { share, clear, .. } = probes;
             let value = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
             if share == 0.0 {
                 assert_eq!((value, *radius), (DVec3::ZERO, FAR), "{irradiance_point:?}");
@@ -407,20 +474,25 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
             let agrees = |right: DVec3| (value - right).abs().max_element() <= 2e-5 * right.abs().max_element();
             assert!(agrees(right), "{irradiance_point:?}: {value}, expected {right}");
             // The last eight bits hold the clear part.
-            assert!((f64::from(*radius) - expected.radius).abs() < 5e-5 * expected.radius);
+            assert!((f64::from(*radius) - expected_radius).abs() < 5e-5 * expected_radius);
             assert!(
                 (f64::from(radius.to_bits() & 255) / 255.0 - clear).abs() < 1.001 / 255.0,
                 "{irradiance_point:?}: {clear}"
             );
             if right != DVec3::ZERO {
                 assert!(!agrees(right * 16.0 / 17.0), "a probe more");
-                wide += u32::from(expected.radius > 1.5 * f64::from(shape.cell));
+                wide += u32::from(expected_radius > 1.5 * f64::from(shape.cell));
                 partly += u32::from(!agrees(right * share));
+                let unhidden = brute_force(&photons, irradiance_point, expected_radius, None).density;
+                hidden += u32::from(!agrees(unhidden * f64::from(step) / share));
             }
         }
     }
-    println!("{checked} irradiance points, {doubts} undecided, {partly} partly covered, {wide} with sparse photons");
-    assert!(doubts * 5 < checked && partly > 50 && wide > 10);
+    println!(
+        "{checked} irradiance points, {doubts} undecided, {partly} partly covered, {wide} with sparse photons, \
+         {hidden} with photons behind walls"
+    );
+    assert!(doubts * 5 < checked && partly > 50 && wide > 10 && hidden > 10);
 }
 
 /// A surface uniformly covered with photons, and irradiance points on it.
@@ -436,13 +508,14 @@ struct Lit {
 }
 
 /// The mean estimate of photons of a uniform irradiance is that irradiance: in the open, at an edge, in a corner,
-/// beside a cube, and on a thin wall, also where the disc reaches over the edge. Without the correction for the share
-/// of the disc that is surface, it would not be.
+/// beside a cube, around the end of a wall, and on a thin wall, also where the disc reaches over the edge. Without the
+/// correction for the share of the disc that is surface, it would not be.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn even_light_is_even(gpu: &Gpu) {
     let v = Vec3::new;
     let floor = Rectangle(v(-0.5, -0.5, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
     let under = Rectangle(v(-0.5, -0.5 - 1e-5, -0.5), v(1.0, 0.0, 0.0), v(0.0, 0.0, 1.0));
+    let half_a_wall = Rectangle(v(0.0, -0.5, -0.5), v(0.0, 0.0, 0.5), v(0.0, 0.5, 0.0));
     let outside_cube = |i: usize, p: Vec3| i > 0 || (p.x - 0.1).abs().max((p.z - 0.1).abs()) > 0.15;
     let cases = [
         Lit {
@@ -472,6 +545,13 @@ fn even_light_is_even(gpu: &Gpu) {
             lit: outside_cube,
             within: |p| (0.15..0.22).contains(&(p.x - 0.1).abs().max((p.z - 0.1).abs())),
             cut: true,
+        },
+        Lit {
+            name: "at the end of a wall",
+            rectangles: vec![floor, half_a_wall],
+            lit: |i, _| i == 0,
+            within: |p| p.x.abs() < 0.1 && p.z.abs() < 0.1,
+            cut: false,
         },
         Lit {
             name: "lit side of a thin wall",
@@ -512,7 +592,10 @@ fn even_light_is_even(gpu: &Gpu) {
             let n = f64::from(IRRADIANCE_POINTS);
             estimates.push(of.irradiances.iter().map(|estimates| f64::from(estimates[0])).sum::<f64>() / n);
             if case.cut {
-                let density = |irradiance_point| brute_force(&photons, &shape, irradiance_point).density.x;
+                let density = |irradiance_point| {
+                    let radius = radius_of(&photons, &shape, irradiance_point);
+                    brute_force(&photons, irradiance_point, radius, None).density.x
+                };
                 uncorrected.push(of.points.iter().map(density).sum::<f64>() * f64::from(STEP) / n);
             }
         }
@@ -560,6 +643,42 @@ fn thin_walls_let_nothing_through(gpu: &Gpu) {
     }
 }
 
+/// Of the light on the floor of a bright room next to nothing counts in a dark one, from which a wall without thickness
+/// parts it: only photons in the segments that the wall cuts off between the probes. It would be a fifth without the
+/// walls that stop probes.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn no_light_passes_a_wall_between_rooms(gpu: &Gpu) {
+    let v = Vec3::new;
+    let floor = Rectangle(v(-0.5, -0.5, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
+    let wall = Rectangle(v(0.0, -0.5, -0.5), v(0.0, 0.0, 1.0), v(0.0, 0.5, 0.0));
+    let bench = Bench::new(gpu, &[floor, wall]);
+    let mut random = Random(14);
+    let photons: Vec<Photon> = std::iter::repeat_with(|| on(&floor, &mut random))
+        .filter(|p| p.x < 0.0)
+        .take(3000)
+        .map(|p| carrying(p, Vec3::Y, [31; 3]))
+        .collect();
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 2.0, 3000, 1);
+    let irradiance_points: Vec<Photon> = std::iter::repeat_with(|| on(&floor, &mut random))
+        .filter(|p| p.x > 1e-3 && p.x < shape.cell && p.z.abs() < 0.3)
+        .take(256)
+        .map(|p| photon(p, Vec3::Y, 0, false))
+        .collect();
+    let map = bench.sort(gpu, &photons, shape);
+    let estimates =
+        bench.estimate(gpu, &map, &bench.sort(gpu, &irradiance_points, irradiance_point_grid((BOUNDS, 2.0), 256)), 1.0);
+    // 6,000 photons a unit of area.
+    let bright = 6000.0 * 31.0;
+    let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / 256.0 / bright;
+    let dark = mean(&mut estimates.irradiances.iter().map(|value| f64::from(value[0])));
+    let leaked = mean(&mut estimates.points.iter().map(|point| {
+        let radius = radius_of(&photons, &shape, point);
+        brute_force(&photons, point, radius, None).density.x
+    }));
+    println!("{dark:.4} of the light, {leaked:.4} by all photons of the discs");
+    assert!(dark < 0.01 && leaked > 0.1, "{dark} {leaked}");
+}
+
 /// Photons that only focusing surfaces have scattered count twice: as all photons do, and in a part of their own. A
 /// look-up finds that part of the nearest irradiance point.
 #[kernel_test("PENUMBRA_DEVICE")]
@@ -591,16 +710,19 @@ fn focused_light_is_kept_apart(gpu: &Gpu) {
         assert_eq!(bench.look_up(gpu, "focused", &known, &points, points.len()), estimates.caustics);
         let mut checked = 0;
         for ((point, value), caustic) in estimates.points.iter().zip(&estimates.irradiances).zip(&estimates.caustics) {
-            let found = brute_force(&all, &shape, point);
-            let Some((share, _)) = covered(&bench.stage, point, found.radius).filter(|_| !found.doubtful) else {
+            let radius = radius_of(&all, &shape, point);
+            let Some(probes) = probes(&bench.stage, point, radius) else { continue };
+            let share = probes.share;
+            let found = brute_force(&all, point, radius, Some(&probes));
+            if found.doubtful {
                 continue;
-            };
+            }
             if share == 0.0 {
                 assert_eq!(caustic, &[0.0; 4]);
                 continue;
             }
             // All less those with the mark, less those without it, are twice those with it.
-            let without = (found.density + brute_force(&photons, &shape, point).density) / 2.0;
+            let without = (found.density + brute_force(&photons, point, radius, Some(&probes)).density) / 2.0;
             let expected = [found.density, found.density - without].map(|density| density * f64::from(STEP) / share);
             let off = |value: &[f32; 4], expected: DVec3| {
                 let value = DVec3::new(f64::from(value[0]), f64::from(value[1]), f64::from(value[2]));
@@ -674,12 +796,20 @@ fn shown_points_are_those_of_brute_force(gpu: &Gpu) {
                 let mut expected = DVec3::splat(before);
                 if point.normal != INVALID_POINT {
                     let (x, n) = (Vec3::from(point.position), point_normal(point.normal));
-                    let found = density(&photons, &shape, x, n, f64::from(shrink), 1.0);
-                    let share = match entry {
-                        "show" => covered_about(&bench.stage, x, n, found.radius).map(|(share, _)| share),
-                        _ => Some(1.0),
+                    let radius = radius_at(&photons, &shape, x, f64::from(shrink), 1.0);
+                    // Focused light has no probes.
+                    let probes = match entry {
+                        "show" => match probes_about(&bench.stage, x, n, radius) {
+                            Some(probes) => Some(probes),
+                            None => continue,
+                        },
+                        _ => None,
                     };
-                    let Some(share) = share.filter(|_| !found.doubtful) else { continue };
+                    let share = probes.as_ref().map_or(1.0, |probes| probes.share);
+                    let found = density(&photons, x, n, radius, probes.as_ref());
+                    if found.doubtful {
+                        continue;
+                    }
                     if share > 0.0 {
                         expected += albedo * found.density * f64::from(STEP) / (PI * share);
                     }
