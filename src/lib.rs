@@ -34,6 +34,7 @@
 #![warn(missing_docs)]
 
 mod bvh;
+mod count;
 mod error;
 mod fingerprint;
 mod gpu_scene;

@@ -1,5 +1,6 @@
 //! Problems of arithmetic and limits that a render detects, and warnings about them.
 
+use crate::count::count;
 use crate::procedural::ITERATIONS;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
@@ -30,23 +31,23 @@ pub(super) struct Warning {
 
 /// The counts of [`Conditioning`].
 pub(super) fn conditioning(totals: &Totals) -> Conditioning {
-    let count = |counter| totals.get(counter);
+    let number = |counter| totals.get(counter);
     Conditioning {
         not_finite: NotFinite {
-            flux: count(Counter::NotFiniteFlux),
-            irradiance: count(Counter::NotFiniteIrradiance),
-            gather: count(Counter::NotFiniteGather),
-            primary: count(Counter::NotFinitePrimary),
-            shade: count(Counter::NotFiniteShade),
-            path: count(Counter::NotFinitePath),
+            flux: number(Counter::NotFiniteFlux),
+            irradiance: number(Counter::NotFiniteIrradiance),
+            gather: number(Counter::NotFiniteGather),
+            primary: number(Counter::NotFinitePrimary),
+            shade: number(Counter::NotFiniteShade),
+            path: number(Counter::NotFinitePath),
         },
-        near_overflow: count(Counter::NearOverflow),
+        near_overflow: number(Counter::NearOverflow),
         unknown: totals.mapped_unknown,
         min_radius_records: totals.min_radius_records,
-        heavy_paths: count(Counter::HeavyPaths),
-        overruns: count(Counter::Overrun) + totals.photon_overruns,
-        procedural_overruns: count(Counter::ProceduralOverruns),
-        procedural_invalid: count(Counter::ProceduralInvalid),
+        heavy_paths: number(Counter::HeavyPaths),
+        overruns: number(Counter::Overrun) + totals.photon_overruns,
+        procedural_overruns: number(Counter::ProceduralOverruns),
+        procedural_invalid: number(Counter::ProceduralInvalid),
         mean_bounces: totals.mean_bounces().round() as u64,
         devices_lost: totals.devices_lost,
     }
@@ -87,7 +88,10 @@ fn number_warnings(totals: &Totals) -> Vec<Warning> {
         Warning {
             name: "not_finite",
             count: left_out.max(not_finite.total()),
-            text: format!("{left_out} samples are not finite and are left out of the image{by_pass}: {advice}"),
+            text: format!(
+                "{} not finite and left out of the image{by_pass}: {advice}",
+                count(left_out, "sample is", "samples are")
+            ),
         },
         Warning {
             name: "near_overflow",
@@ -102,10 +106,10 @@ fn number_warnings(totals: &Totals) -> Vec<Warning> {
 
 /// A visibility map that leaves many points unknown.
 fn unknown_warning(totals: &Totals, settings: &Settings) -> Option<Warning> {
-    let count = totals.mapped_unknown;
-    let many = count as f64 > MANY_UNKNOWN * totals.mapped_points as f64;
+    let unknown = totals.mapped_unknown;
+    let many = unknown as f64 > MANY_UNKNOWN * totals.mapped_points as f64;
     many.then(|| {
-        let percent = 100.0 * count as f64 / totals.mapped_points as f64;
+        let percent = 100.0 * unknown as f64 / totals.mapped_points as f64;
         let has_room = settings.photons_of_light(totals.photons.len()) == settings.photons_per_light();
         let advice = match has_room {
             true => "more `visibility_map.photons_per_light` would save shadow rays",
@@ -113,7 +117,7 @@ fn unknown_warning(totals: &Totals, settings: &Settings) -> Option<Warning> {
         };
         let text =
             format!("{percent:.0} % of the points have too few photons nearby to tell light from shadow: {advice}");
-        Warning { name: "unknown", count, text }
+        Warning { name: "unknown", count: unknown, text }
     })
 }
 
@@ -125,16 +129,18 @@ fn path_warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
             name: "heavy_paths",
             count: heavy_paths,
             text: format!(
-                "{heavy_paths} paths have more than eight times their usual weight, and show as bright specks that \
-                 fade slowly: take more samples, or look for materials that reflect more light than they receive"
+                "{} more than eight times the usual weight, which shows as bright specks that fade slowly: take more \
+                 samples, or look for materials that reflect more light than they receive",
+                count(heavy_paths, "path has", "paths have")
             ),
         },
         Warning {
             name: "overruns",
             count: overruns,
             text: format!(
-                "{overruns} rays met more geometry than the device's loop budget of 65,535 iterations allows, and \
-                 their samples and photons are left out: remove overlapping layers, or choose another device"
+                "{} met more geometry than the device's loop budget of 65,535 iterations allows, and all samples and \
+                 photons of such rays are left out: remove overlapping layers, or choose another device",
+                count(overruns, "ray", "rays")
             ),
         },
     ];
@@ -158,16 +164,18 @@ fn procedural_warnings(totals: &Totals) -> Vec<Warning> {
             name: "procedural_overruns",
             count: if are_many { overruns } else { 0 },
             text: format!(
-                "{overruns} rays took more than {ITERATIONS} iterations in a procedural object and passed through it: \
-                 look for loops that do not end, or distance functions that return far less than the distance"
+                "{} took more than {ITERATIONS} iterations in a procedural object and passed through it: look for \
+                 loops that do not end, or distance functions that return far less than the distance",
+                count(overruns, "ray", "rays")
             ),
         },
         Warning {
             name: "procedural_invalid",
             count: invalid,
             text: format!(
-                "{invalid} results of procedural objects are not finite or have no normal, and their rays passed \
-                 through: look for divisions by zero and roots of negative numbers in their functions"
+                "{} not finite or without a normal, so that rays passed through: look for divisions by zero and roots \
+                 of negative numbers in the functions",
+                count(invalid, "result of a procedural object is", "results of procedural objects are")
             ),
         },
     ]

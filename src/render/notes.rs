@@ -1,6 +1,7 @@
 //! Notes on a render that are known before its first sample.
 
 use super::stages::settings_of_stage;
+use crate::count::count;
 use crate::gpu_scene::GpuScene;
 use crate::scene::Scene;
 use crate::settings::Settings;
@@ -40,13 +41,14 @@ pub(super) fn notes(
     if indirect.emitted > 0 && indirect.emitted <= wanted / 2 {
         let emitted = indirect.emitted;
         notes.push(format!(
-            "the photons of {emitted} rays fill the device's largest buffer: the global map has no room for those of \
-             {wanted}"
+            "the photons of {} fill the device's largest buffer: the global map has no room for those of \
+             {wanted}",
+            count(emitted, "ray", "rays")
         ));
     }
     if indirect.cut > 0 {
-        let cut = indirect.cut;
-        notes.push(format!("the flux of {cut} photons exceeds what they can store: indirect light is too dark"));
+        let photons = count(indirect.cut, "photon", "photons");
+        notes.push(format!("the flux of {photons} exceeds what a photon can store: indirect light is too dark"));
     }
     notes
 }

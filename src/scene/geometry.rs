@@ -21,6 +21,7 @@ use super::notes::Notes;
 use super::skin::Influences;
 use super::triangle::{NO_LIGHT, Triangle, Vertex};
 use crate::Result;
+use crate::count::count;
 
 /// Width of an object over the radius of the scene below which a note is added: three times the gap that rays skip at a
 /// surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
@@ -349,17 +350,18 @@ impl Geometry {
         }
         let left_out: usize = self.shared.values().map(|shared| shared.finish(scene, &mut degenerate)).sum();
         if left_out > 0 {
-            notes.push(format!(
-                "{left_out} copies of meshes are below {SMALLEST_INSTANCE:.0e} of the scene's size and are left out"
-            ));
+            let copies = count(left_out, "copy of a mesh is", "copies of meshes are");
+            notes.push(format!("{copies} below {SMALLEST_INSTANCE:.0e} of the scene's size and left out"));
         }
         if degenerate > 0 {
-            notes.push(format!("{degenerate} triangles have no area and are left out"));
+            let triangles = count(degenerate, "triangle has no area and is", "triangles have no area and are");
+            notes.push(format!("{triangles} left out"));
         }
         if rounded_off > 0 {
+            let triangles = count(rounded_off, "triangle is", "triangles are");
             notes.push(format!(
-                "{rounded_off} triangles are below 6e-8 of the scene's size and are left out, because single precision \
-                 cannot represent them: remove distant objects from the scene instead"
+                "{triangles} below 6e-8 of the scene's size and left out, because single precision cannot represent \
+                 less: remove distant objects from the scene instead"
             ));
         }
         self.note_small_objects(normalisation.scale(), notes);
@@ -385,10 +387,10 @@ impl Geometry {
         });
         let small = small.count() + of_shared.sum::<usize>();
         if small > 0 {
+            let objects = count(small, "object is", "objects are");
             notes.push(format!(
-                "{small} objects are less than {SMALL_OBJECT:.0e} of the scene's size across: their shading is wrong, \
-                 because rays skip gaps of 3e-5 of that size; remove distant objects from the scene, or render these \
-                 alone"
+                "{objects} less than {SMALL_OBJECT:.0e} of the scene's size across and shaded wrongly, because rays \
+                 skip gaps of 3e-5 of that size: remove distant objects from the scene, or render small ones alone"
             ));
         }
     }

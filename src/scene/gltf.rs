@@ -31,6 +31,7 @@ use super::{
     accessor, animation, camera, container, draco, geometry, image_light, images, immersion, instancing, light,
     material, mesh, meshopt, node, procedural, repeats, skin,
 };
+use crate::count::count;
 use crate::input::read_file;
 use crate::{Error, Result};
 
@@ -395,20 +396,20 @@ fn check_nodes<'r, 'a>(
 
 /// Adds notes on content of the file that is not rendered.
 fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, default_light: bool, notes: &mut Notes) -> Result<()> {
-    let mut note = |count: usize, text: &str| {
-        if count > 0 {
-            notes.push(format!("{count} {text}"));
+    let mut note = |number: usize, one: &str, many: &str, text: &str| {
+        if number > 0 {
+            let primitives = count(number, &format!("primitive {one}"), &format!("primitives {many}"));
+            notes.push(format!("{primitives} {text}"));
         }
     };
-    note(
-        skipped.partly_morphed,
-        "primitives have morph targets for attributes that they lack or that are not supported: these do not change",
-    );
-    note(skipped.uneven, "primitives have joint weights whose sum is not 1: they are divided by the sum");
-    note(skipped.without_coordinates, "primitives lack coordinates for their textures, which are read at 0, 0");
-    note(skipped.points_and_lines, "primitives are points or lines and are left out");
-    note(skipped.without_positions, "primitives have no positions and are left out");
-    note(skipped.not_finite, "primitives have numbers that are not finite and are left out");
+    let (has, have) = ("has", "have");
+    let targets = "morph targets for missing attributes, or for attributes that are not supported: these do not change";
+    note(skipped.partly_morphed, has, have, targets);
+    note(skipped.uneven, has, have, "joint weights whose sum is not 1: they are divided by the sum");
+    note(skipped.without_coordinates, "lacks", "lack", "coordinates for textures, which are read at 0, 0");
+    note(skipped.points_and_lines, "consists", "consist", "of points or lines: left out");
+    note(skipped.without_positions, has, have, "no positions: left out");
+    note(skipped.not_finite, has, have, "numbers that are not finite: left out");
     if scene.cameras.is_empty() {
         notes.push("no camera in the file");
     }

@@ -274,10 +274,11 @@ pub(super) fn decode_textures(
     let reduced = levels.iter().filter(|level| **level > 0).count();
     // Where one is damaged, an error follows, or another attempt without it.
     if reduced > 0 && decoded.iter().all(Result::is_ok) {
+        let are = if reduced == 1 { "is" } else { "are" };
         let smallest = 1u64 << levels.iter().max().expect("some are reduced");
         notes.push(format!(
-            "the images of textures have {total} texels in total, more than {MAX_TEXELS}: {reduced} of {} are reduced, \
-             by a factor of up to {smallest} in width and height",
+            "the images of textures have {total} texels in total, more than {MAX_TEXELS}: {reduced} of {} {are} \
+             reduced, by a factor of up to {smallest} in width and height",
             used.len()
         ));
     }

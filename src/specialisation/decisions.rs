@@ -92,11 +92,6 @@ fn by_name<S: Serializer>(feature: &Feature, serializer: S) -> Result<S::Ok, S::
     serializer.serialize_str(feature.name())
 }
 
-/// A number and its noun: "1 light", "2 lights".
-pub(super) fn count(n: usize, what: &str) -> String {
-    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
-}
-
 /// Whether the scene has both a surface and a light.
 pub(super) fn is_lit(scene: &Scene) -> bool {
     !scene.lights.is_empty() && !scene.is_empty()

@@ -1,8 +1,9 @@
 //! Decisions on indirect light: paths, the global map, caustics, the irradiance cache.
 
 use super::bsdf_rays::{MIN_HIT_PROBABILITY, max_hit_probability};
-use super::decisions::{Specialisation, bytes_text, count, is_lit};
+use super::decisions::{Specialisation, bytes_text, is_lit};
 use super::surfaces::Facts;
+use crate::count::count;
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::specialisation::features::Feature;
@@ -91,7 +92,7 @@ impl Specialisation {
 
     fn of_caustics(&mut self, settings: &Settings, m: &Facts, lit: bool, bounces: bool) {
         let paths = settings.technique.is_path_tracing();
-        let why = format!("{} like a mirror or clear glass", count(m.clear, "material"));
+        let why = format!("{} like a mirror or clear glass", count(m.clear, "material", "materials"));
         let unneeded = match settings.indirect.max_bounces {
             _ if paths => "paths continue there",
             0 => "`indirect.max_bounces` is 0",
@@ -102,7 +103,7 @@ impl Specialisation {
         let continued = settings.indirect.max_bounces > 0 && shown && m.clear > 0;
         let cost = "rays onwards from such surfaces to surfaces with photons; 16 B per point";
         self.decide(Feature::SpecularChains, continued, why, unneeded, cost);
-        let why = format!("{} that may focus light", count(m.focusing, "material"));
+        let why = format!("{} that may focus light", count(m.focusing, "material", "materials"));
         let unneeded = if bounces { "no material focuses light" } else { "no bounces are requested" };
         let cost = "a map for every 8 samples: four times the rays of the global map, a search per point";
         let caustics = bounces && m.focusing > 0;

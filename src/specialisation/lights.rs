@@ -3,8 +3,9 @@
 use glam::Vec3;
 
 use super::bsdf_rays::{Sphere, boxes_by_material};
-use super::decisions::{Specialisation, count};
+use super::decisions::Specialisation;
 use super::surfaces::Facts;
+use crate::count::count;
 use crate::kernels::MAX_LIGHTS;
 use crate::kernels::light_texels::{FEW_EMITTERS, NEAR_LIGHT};
 use crate::scene::{Light, LightKind, Scene};
@@ -14,7 +15,7 @@ use crate::specialisation::features::Feature;
 
 impl Specialisation {
     pub(super) fn of_lights(&mut self, scene: &Scene, m: &Facts) {
-        let some_lights = |n: usize| (n > 0, count(n, "light"));
+        let some_lights = |n: usize| (n > 0, count(n, "light", "lights"));
         for (feature, number) in [
             (Feature::MeshLights, m.mesh_lights),
             (Feature::PointLights, m.point_lights),

@@ -3,9 +3,10 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::decisions::{Specialisation, bytes_text, count};
+use super::decisions::{Specialisation, bytes_text};
 use super::lobes::{LOBES, Part, has_lobe};
 use crate::bvh::INSTANCE_TEXELS;
+use crate::count::count;
 use crate::scene::{AlphaMode, LightKind, Material, NO_LIGHT, Scene};
 use crate::settings::Settings;
 use crate::specialisation::features::Feature;
@@ -14,7 +15,7 @@ impl Specialisation {
     pub(super) fn of_surfaces(&mut self, scene: &Scene, m: &Facts) {
         let triangles = scene.triangles.len() as u64;
         let per_triangle = |bytes: u64| format!("{bytes} B per triangle, {} in all", bytes_text(bytes * triangles));
-        let materials = |n: usize, what: &str| (n > 0, format!("{} {what}", count(n, "material")));
+        let materials = |n: usize, what: &str| (n > 0, format!("{} {what}", count(n, "material", "materials")));
         let (on, why) = materials(m.textured, "with textures");
         self.decide(
             Feature::Textures,
@@ -46,7 +47,8 @@ impl Specialisation {
         let vertices = |on: bool| (on, "some vertices have them".to_owned());
         let (on, why) = vertices(m.vertex_colours);
         self.decide(Feature::VertexColours, on, why, "every vertex is white", &per_triangle(32));
-        let (on, why) = (m.needles > 0, format!("{} with inexact hit distances", count(m.needles, "needle")));
+        let (on, why) =
+            (m.needles > 0, format!("{} with inexact hit distances", count(m.needles, "needle", "needles")));
         let unneeded = "no triangle is much longer than wide";
         self.decide(Feature::Needles, on, why, unneeded, "a plane for every ray and triangle test");
         let (on, why) = vertices(m.smooth_normals);
@@ -63,7 +65,7 @@ impl Specialisation {
         self.decide(
             Feature::Procedurals,
             objects > 0,
-            format!("{} described by functions", count(objects, "object")),
+            format!("{} described by functions", count(objects, "object", "objects")),
             "no object is a function",
             "a box test per ray and object, and the functions in every kernel that traces; 128 B per object",
         );
@@ -126,7 +128,7 @@ impl Specialisation {
     pub(super) fn of_instances(&mut self, scene: &Scene, settings: &Settings) {
         let instances = scene.instances.len();
         let on = instances > 0 && Self::traces_instances(settings);
-        let why = format!("{} of meshes that are stored once", count(instances, "instance"));
+        let why = format!("{} of meshes that are stored once", count(instances, "instance", "instances"));
         let unneeded = "each triangle is in the scene by itself";
         let bytes = bytes_text(16 * u64::from(INSTANCE_TEXELS) * instances as u64);
         let cost = format!("{bytes}; rays one by one, with a change of space at every copy that they may meet");

@@ -1,6 +1,7 @@
 //! Decisions on visibility: photons, cells, shadow rays, audits.
 
 use super::decisions::{Specialisation, bytes_text, is_lit};
+use crate::count::count;
 use crate::kernels::{GridShape, MAX_LIGHTS};
 use crate::scene::{Camera, Scene};
 use crate::settings::technique::Visibility;
@@ -69,7 +70,8 @@ impl Specialisation {
             "there is no surface".to_owned()
         };
         let wanted = map && pays && !many && !few_sampled && placed > 0 && !scene.is_empty();
-        let mut why = format!("{photons} photons distinguish lit from shadowed points");
+        let mut why =
+            format!("{} lit from shadowed points", count(photons, "photon distinguishes", "photons distinguish"));
         if settings.tries_photons() {
             why += ", if the first sample finds few of them in penumbrae";
         }
@@ -146,7 +148,8 @@ impl Specialisation {
 
         let unused = format!("the technique {} does not use it", settings.technique);
         let cells = lit && settings.technique.uses_cells();
-        let why = format!("{} rays per cell and light determine visibility", settings.cells.rays_per_light);
+        let rays = count(settings.cells.rays_per_light, "ray", "rays");
+        let why = format!("visibility is that of {rays} per cell and light");
         let grid = u64::from(GridShape::over_scene(scene, settings.cells.resolution).cells());
         // A count and a class word for each cell and light.
         let cost = format!("pass cells; about {}", bytes_text(8 * scene.lights.len() as u64 * grid));

@@ -87,7 +87,7 @@ fn panoramas_that_are_none_are_refused() {
         let file = panorama(folder, wrong);
         plan(&file, "").assert_refused(3, &["panorama.exr", "texel 2, 1", "G is", "--lenient"]);
         let lenient = plan(&file, "--lenient");
-        let note = "1 texels of the panorama, the first at 2, 1";
+        let note = "1 texel of the panorama, at 2, 1, has values";
         assert!(lenient.assert_done().stdout.contains(note), "{lenient:?}");
     }
 

@@ -331,7 +331,7 @@ fn textures_without_coordinates() {
     assert_eq!(refused_at(&file), "/meshes/0/primitives/0");
     let scene = file.load_with(&ImportOptions { lenient: true, ..Default::default() }).unwrap();
     assert!(scene.vertices.iter().all(|vertex| vertex.uv[0].length() == 0.0) && scene.triangles.len() == 1);
-    assert!(scene.notes.iter().any(|note| note.contains("1 primitives lack coordinates")), "{:?}", scene.notes);
+    assert!(scene.notes.iter().any(|note| note.contains("1 primitive lacks coordinates")), "{:?}", scene.notes);
 }
 
 #[test]

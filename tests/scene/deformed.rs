@@ -207,7 +207,7 @@ fn targets_displace_positions_normals_and_tangents() {
     assert_corners(&file.load(), [[0., 8., -2.], [4., -1., 0.], [-1., 0., 0.]]);
     // Without colours of its own there is nothing to displace, which is noted.
     file.json["meshes"][0]["primitives"][0]["targets"][0]["COLOR_0"] = json!(0);
-    assert!(file.load().notes.iter().any(|note| note.contains("morph targets for attributes that they lack")));
+    assert!(file.load().notes.iter().any(|note| note.contains("morph targets for missing attributes")));
 }
 
 #[test]

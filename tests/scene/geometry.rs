@@ -188,7 +188,7 @@ fn zero_scales_flatten_and_what_has_no_area_is_dropped() {
         file.json["nodes"][0]["scale"] = scale;
         let scene = file.load();
         assert!(scene.triangles.is_empty() && scene.vertices.is_empty());
-        assert_eq!(scene.notes.iter().filter(|n| n.contains("1 triangles have no area")).count(), 1);
+        assert_eq!(scene.notes.iter().filter(|n| n.contains("1 triangle has no area")).count(), 1);
     }
 }
 

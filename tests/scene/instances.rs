@@ -368,5 +368,5 @@ fn copies_by_the_hundred_thousand() {
     let scene = file.load();
     assert_eq!((scene.instances.len(), scene.triangles.len(), scene.vertices.len()), (99_999, 50, 150));
     let note = scene.notes.iter().find(|note| note.contains("left out")).unwrap();
-    assert!(note.starts_with("1 copies of meshes are below 4e-6"), "{note}");
+    assert!(note.starts_with("1 copy of a mesh is below 4e-6"), "{note}");
 }

@@ -513,7 +513,7 @@ fn images_with_too_many_texels_are_reduced() {
     assert_eq!(sizes, [[1, 1], [SIDE / 2; 2]]);
     let (white, black) = scene.images[1].texels[..SIDE as usize / 2].split_at(SIDE as usize / 4);
     assert!(white.iter().all(|texel| *texel == [255; 4]) && black.iter().all(|texel| *texel == [0, 0, 0, 255]));
-    let note = "268435457 texels in total, more than 268435456: 1 of 2 are reduced, by a factor of up to 2 in width";
+    let note = "268435457 texels in total, more than 268435456: 1 of 2 is reduced, by a factor of up to 2 in width";
     assert!(scene.notes.iter().any(|line| line.contains(note)), "{:?}", scene.notes);
     // 2^31 texels are eight of them.
     assert_eq!(refused_at(&of_images(9)), "/images/8");

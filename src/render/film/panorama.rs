@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::image::Image;
+use crate::count::count;
 use crate::scene::Panorama;
 use crate::{Error, Result};
 
@@ -41,11 +42,10 @@ impl Panorama {
                 );
                 return Err(refuse(&format!("texel {x}, {y}"), problem));
             }
-            let count = 1 + invalid.count();
-            notes.push(format!(
-                "{count} texels of the panorama, the first at {x}, {y}, have values that are negative or not finite: \
-                 these are replaced with 0"
-            ));
+            let one = format!("texel of the panorama, at {x}, {y}, has");
+            let many = format!("texels of the panorama, the first at {x}, {y}, have");
+            let which = count(1 + invalid.count(), &one, &many);
+            notes.push(format!("{which} values that are negative or not finite: these are replaced with 0"));
             for radiance in texels.as_flattened_mut().iter_mut().filter(|radiance| is_invalid(radiance)) {
                 *radiance = 0.0;
             }

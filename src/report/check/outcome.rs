@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use super::cases::Case;
 use super::comparison::{Comparison, device_kind, different_pixels, kind_of};
+use crate::count::count;
 use crate::render::film::{Image, View};
 
 /// The finding of a case.
@@ -85,7 +86,7 @@ impl Outcome {
             Ok(comparison) => {
                 let mut reasons = comparison.exceeded(&case.limits);
                 if let Some(pixels) = unlike.filter(|pixels| *pixels > 0) {
-                    reasons.push(format!("two runs differ in {pixels} pixels"));
+                    reasons.push(format!("two runs differ in {}", count(pixels, "pixel", "pixels")));
                 }
                 if reasons.is_empty() { Finding::Passed } else { Finding::Failed(reasons) }
             }
@@ -108,7 +109,7 @@ impl Outcome {
             return Some(problem.clone());
         };
         if let Some(pixels) = self.unlike.filter(|pixels| *pixels > 0) {
-            return Some(format!("two runs differ in {pixels} pixels"));
+            return Some(format!("two runs differ in {}", count(pixels, "pixel", "pixels")));
         }
         let own = device_kind(image)?;
         let of_baseline = self.baseline.as_ref().and_then(device_kind);
