@@ -2,6 +2,7 @@
 
 mod builder;
 mod groups;
+pub(crate) mod stages;
 pub mod technique;
 mod unused;
 

@@ -28,7 +28,7 @@ pub(super) struct Header {
     /// Fingerprint of scene, camera, settings and version.
     pub fingerprint: String,
     pub samples: u32,
-    /// Stage of indirect light (photons and gather rays); see `stages.rs`.
+    /// Stage of indirect light (photons and gather rays); see `settings/stages.rs`.
     pub stage: i32,
     /// `None` before the first sample, and if estimates do not decide the stage.
     pub growth: Option<GrowthHeader>,

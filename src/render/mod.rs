@@ -26,7 +26,6 @@ mod refinement;
 mod renderer;
 mod resume;
 mod sampling_state;
-mod stages;
 mod tiles;
 mod time_limit;
 mod trial;

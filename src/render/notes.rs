@@ -1,10 +1,10 @@
 //! Notes on a render that are known before its first sample.
 
-use super::stages::settings_of_stage;
 use crate::count::count;
 use crate::gpu_scene::GpuScene;
 use crate::scene::Scene;
 use crate::settings::Settings;
+use crate::settings::stages::settings_of_stage;
 use crate::specialisation::features::{Feature, Features};
 use crate::statistics::Indirect;
 

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
-use super::stages::{grows, settings_of_stage, stage};
+use crate::settings::stages::{grows, settings_of_stage, stage};
 use super::tiles::{TileFilm, TileSize};
 use crate::Result;
 use crate::gpu_scene::{CameraUniform, GpuScene};
@@ -44,7 +44,7 @@ pub(super) struct PreparedView {
     pub buffers: TileBuffers,
     pub tiles: Vec<TileFilm>,
     pub tile_size: TileSize,
-    /// How many photons and gather rays there are so far; see `stages.rs`.
+    /// How many photons and gather rays there are so far; see `settings/stages.rs`.
     pub stage: i32,
 }
 

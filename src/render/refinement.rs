@@ -8,7 +8,6 @@ use glam::{DVec3, DVec4};
 
 use super::growth::{AVOIDANCE, Growth, error_of_rays, wants_rays};
 use super::renderer::Renderer;
-use super::stages::{LAST_STAGE, grows, settings_of_stage, stage};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::light_transport::caustic_map::CausticMap;
@@ -17,6 +16,7 @@ use crate::light_transport::kernels::IndirectKernels;
 use crate::light_transport::shared::Shared;
 use crate::passes::cache::BoundCache;
 use crate::passes::film::{Change, Plane};
+use crate::settings::stages::{LAST_STAGE, grows, settings_of_stage, stage};
 use crate::specialisation::features::Feature;
 use crate::statistics::Rays;
 

@@ -6,9 +6,9 @@ use std::path::Path;
 use super::checkpoint::{Checkpoint, GrowthHeader, Header};
 use super::growth::Growth;
 use super::renderer::Renderer;
-use super::stages::LAST_STAGE;
 use crate::light_transport::shared::Shared;
 use crate::light_transport::visibility_map::MapState;
+use crate::settings::stages::LAST_STAGE;
 use crate::{Error, Result};
 
 impl Renderer<'_> {

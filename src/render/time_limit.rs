@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use super::batches::Progress;
 use super::renderer::Renderer;
-use super::stages::settings_of_stage;
 use crate::Result;
+use crate::settings::stages::settings_of_stage;
 
 /// Maximum share of the remaining time that better indirect light may take. It improves the samples that follow, and
 /// with half of the time spent, half as many of these fit.

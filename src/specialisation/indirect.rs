@@ -6,6 +6,7 @@ use super::surfaces::Facts;
 use crate::count::count;
 use crate::scene::Scene;
 use crate::settings::Settings;
+use crate::settings::stages::{grows, settings_of_stages};
 use crate::specialisation::features::Feature;
 
 impl Specialisation {
@@ -35,19 +36,16 @@ impl Specialisation {
         let unneeded = if on { "paths carry indirect light too" } else { "nothing is traced" };
         let cost = "a test of every point and light, and a queue of points";
         self.decide(Feature::Highlights, on && !reflected, why, unneeded, cost);
-        self.of_global_map(settings, lit, bounces);
+        let cached = bounces && settings.indirect.irradiance_cache.enabled;
+        let stages = settings_of_stages(settings, cached && grows(settings));
+        self.of_global_map(settings, &stages, lit, bounces);
         self.of_caustics(settings, m, lit, bounces);
         let unneeded =
             if bounces { "`indirect.irradiance_cache.enabled` is false" } else { "no bounces are requested" };
-        let why = format!("records of {} rays hold the diffuse part of the indirect light", settings.gather_rays());
+        let rays = span(stages.each_ref().map(Settings::gather_rays), |rays| rays.to_string());
+        let why = format!("records of {rays} rays hold the diffuse part of the indirect light");
         let cost = "passes gather, cache; about 100 B per record";
-        self.decide(
-            Feature::IrradianceCache,
-            bounces && settings.indirect.irradiance_cache.enabled,
-            why,
-            unneeded,
-            cost,
-        );
+        self.decide(Feature::IrradianceCache, cached, why, unneeded, cost);
         // The shown map holds all light that Lambertian surfaces reflect, and nothing else.
         let rest = self.features.has(Feature::PhotonMap) && self.features.has(Feature::Glossy);
         self.traces_paths = technique.is_path_tracing() || on || rest;
@@ -71,8 +69,8 @@ impl Specialisation {
         chance >= MIN_HIT_PROBABILITY
     }
 
-    /// `bounces`: whether gathers and paths end in the map.
-    fn of_global_map(&mut self, settings: &Settings, lit: bool, bounces: bool) {
+    /// `stages` are the settings of the first and of the last map; `bounces`: whether gathers and paths end in the map.
+    fn of_global_map(&mut self, settings: &Settings, stages: &[Settings; 2], lit: bool, bounces: bool) {
         let shown = lit && settings.technique.shows_map();
         self.decide(
             Feature::PhotonMap,
@@ -85,8 +83,10 @@ impl Specialisation {
         let why = "shadow photons subtract the energy of occluded light".to_owned();
         let cost = "a ray onwards from every first hit";
         self.decide(Feature::NegativePhotons, shown && negative, why, "the technique does not subtract light", cost);
-        let why = format!("{} rays store photons that estimate irradiance", settings.flux_photons());
-        let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons()) * 48));
+        let photons = stages.each_ref().map(Settings::flux_photons);
+        let why = format!("{} rays store photons that estimate irradiance", span(photons, |rays| rays.to_string()));
+        let bytes = span(photons, |photons| bytes_text(u64::from(photons) * 48));
+        let cost = format!("passes flux, irradiance; about {bytes}");
         self.decide(Feature::GlobalMap, shown || bounces, why, "no bounces are requested", &cost);
     }
 
@@ -114,4 +114,9 @@ impl Specialisation {
         let cost = "16 B per irradiance point";
         self.decide(Feature::CausticIrradiance, caustics && !subtracted, why, unneeded, cost);
     }
+}
+
+/// A number that grows from the first stage to the last one: "16 to 4096".
+fn span([first, last]: [u32; 2], text: impl Fn(u32) -> String) -> String {
+    if first == last { text(first) } else { format!("{} to {}", text(first), text(last)) }
 }

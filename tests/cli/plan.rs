@@ -88,6 +88,23 @@ fn the_plan_follows_the_settings() {
     assert!(["ward", "visibility_estimate"].iter().all(|part| names(&plan["kept"]).contains(part)));
 }
 
+/// Photons and gather rays grow with the samples; numbers that were requested grow less.
+#[test]
+fn the_plan_says_how_many_rays_there_are() {
+    let reasons = |arguments: &str| {
+        let plan = run(&format!("plan --json {arguments}"), &[&BOX]).json();
+        let kept = plan["kept"].as_array().unwrap().clone();
+        ["global_map", "irradiance_cache"].map(|name| {
+            let item = kept.iter().find(|item| item["name"] == name).unwrap();
+            item["reason"].as_str().unwrap().split(" rays").next().unwrap().to_owned()
+        })
+    };
+    assert_eq!(reasons(""), ["4096 to 1048576", "records of 16 to 4096"]);
+    assert_eq!(reasons("--spp 1"), ["4096", "records of 16"]);
+    assert_eq!(reasons("--gather-rays 100"), ["65536", "records of 128"]);
+    assert_eq!(reasons("--gather-rays 100 --spp 64"), ["65536 to 262144", "records of 128 to 512"]);
+}
+
 #[test]
 fn the_text_says_what_the_json_says() {
     let (text, json) = (run("plan", &[&STILL_LIFE]), run("plan --json", &[&STILL_LIFE]).json());

@@ -1,13 +1,13 @@
 //! The stages of a render: with more samples there are more photons of indirect light, and more gather rays.
 
-use crate::settings::Settings;
+use super::Settings;
 
 /// The stage of the first sample, with a sixteenth of the photons and gather rays of the settings: its image comes two
 /// to four times sooner (`scenes/crowd.glb`, 128 x 128 pixels: 0.12 s instead of 0.52).
 const PREVIEW_STAGE: i32 = -4;
 
 /// Sixteen times the photons and gather rays of the settings: by default a million photons, and some thousand rays.
-pub(super) const LAST_STAGE: i32 = 4;
+pub(crate) const LAST_STAGE: i32 = 4;
 
 /// Half of the samples per pixel from which on there are more photons and gather rays than those of the settings (24),
 /// where no estimate decides. Each time the samples double, so do they, so that indirect light takes about the same
@@ -17,7 +17,7 @@ const SAMPLES_OF_SETTINGS: f64 = 12.0;
 /// Whether indirect light may begin with few gather rays and grow. It does not if the user requested numbers, which
 /// hold from the first sample; nor for a map that is shown, which fewer photons would blur; nor in a piece, which has
 /// no preview; nor with `ImageSettings::noise`, because some pixels may get no samples after the first ones.
-pub(super) fn grows(settings: &Settings) -> bool {
+pub(crate) fn grows(settings: &Settings) -> bool {
     let Settings { indirect, image, technique, .. } = settings;
     let requested = indirect.photons.is_some() || indirect.irradiance_cache.gather_rays.is_some();
     !requested && !technique.shows_map() && image.piece.is_none() && image.noise.is_none()
@@ -25,7 +25,7 @@ pub(super) fn grows(settings: &Settings) -> bool {
 
 /// The minimum stage of the samples that follow the first `samples`. With `is_estimated`, estimates alone decide on the
 /// stages after the first.
-pub(super) fn stage(settings: &Settings, samples: u32, is_estimated: bool) -> i32 {
+pub(crate) fn stage(settings: &Settings, samples: u32, is_estimated: bool) -> i32 {
     let first = if grows(settings) && (is_estimated || samples == 0) { PREVIEW_STAGE } else { 0 };
     if is_estimated {
         return first;
@@ -37,7 +37,7 @@ pub(super) fn stage(settings: &Settings, samples: u32, is_estimated: bool) -> i3
 
 /// The settings of a stage: the photons of its map, and the gather rays of a record in all stages so far. Stage 0 has
 /// the numbers of the settings.
-pub(super) fn settings_of_stage(settings: &Settings, stage: i32) -> Settings {
+pub(crate) fn settings_of_stage(settings: &Settings, stage: i32) -> Settings {
     let scaled = |number: u32, most: u32| {
         let scaled = f64::from(number) * 2f64.powi(stage);
         (scaled as u32).clamp(1, number.max(most))
@@ -48,6 +48,18 @@ pub(super) fn settings_of_stage(settings: &Settings, stage: i32) -> Settings {
         s.indirect.photons = Some(scaled(settings.flux_photons(), Settings::MAX_PHOTONS));
         s.indirect.irradiance_cache.gather_rays = Some(scaled(gather_rays, Settings::MAX_GATHER_RAYS));
     })
+}
+
+/// The settings of the first and of the last stage that a render may have. With `is_estimated`, estimates may lead to
+/// any stage.
+pub(crate) fn settings_of_stages(settings: &Settings, is_estimated: bool) -> [Settings; 2] {
+    let first = stage(settings, 0, is_estimated);
+    let last = match settings.image.spp {
+        0..=1 => first,
+        _ if is_estimated => LAST_STAGE,
+        spp => stage(settings, spp - 1, false),
+    };
+    [first, last].map(|stage| settings_of_stage(settings, stage))
 }
 
 #[cfg(test)]
