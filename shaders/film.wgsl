@@ -97,7 +97,8 @@ fn accumulate(
     if any(abs(sum.value) > vec4f(NEAR_OVERFLOW)) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
 }
 
-// Sums the squares of the whole radiance, the sum of its two parts, for the variance.
+// Sums the squares of the whole radiance, the sum of its two parts, for the variance. Squares beyond the largest
+// number, and those with which the sum would exceed it, are left out and counted.
 @compute @workgroup_size(64)
 fn accumulate_squares(
     @builtin(workgroup_id) group: vec3u,
@@ -110,9 +111,11 @@ fn accumulate_squares(
     var sum = load_sum(pixel);
     for (var i = first; i < film_parameters.point_count; i += film_parameters.pixel_count) {
         let x = samples[i] + other_samples[i % arrayLength(&other_samples)];
-        sum = with_sample(sum, x * x);
+        let left_out = sum.compensation.w;
+        let next = with_sample(sum, x * x);
+        if is_finite4(next.value) { sum = next; } else { sum.compensation.w += 1.0; }
         // `accumulate` counts samples that are not finite themselves.
-        if !is_finite4(x * x) && is_finite4(x) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
+        if sum.compensation.w > left_out && is_finite4(x) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
     }
     store_sum(pixel, sum);
 }
@@ -160,5 +163,6 @@ fn correct_squares(
     let sum = load_sum(pixel);
     let count = max(f32(film_parameters.earlier_samples) - sum.compensation.w, 0.0);
     let change = samples[i] * (2.0 * other_samples[pixel] + count * samples[i]);
-    if is_finite4(change) { store_sum(pixel, compensated(sum, change)); }
+    let next = compensated(sum, change);
+    if is_finite4(change) && is_finite4(next.value) { store_sum(pixel, next); }
 }

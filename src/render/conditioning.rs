@@ -97,8 +97,9 @@ fn number_warnings(totals: &Totals) -> Vec<Warning> {
             name: "near_overflow",
             count: near_overflow,
             text: format!(
-                "sums of pixels came close to the largest number that they can hold, {near_overflow} times: dim the \
-                 lights with `light_scale`"
+                "sums of pixels or of their squares came close to the largest number that they can hold, \
+                 {near_overflow} times: the channel variance and estimated errors may be too small; dim the lights \
+                 with `light_scale`"
             ),
         },
     ]

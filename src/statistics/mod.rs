@@ -161,7 +161,8 @@ pub struct Indirect {
 pub struct Conditioning {
     /// Values that were not finite, by the pass that made them.
     pub not_finite: NotFinite,
-    /// Sums of a pixel beyond 2^104, once for each of the batches that left them there, and squares that overflow.
+    /// Sums of a pixel beyond 2^104, once for each of the batches that left them there, and squares that are left out
+    /// of their sum because it would overflow.
     pub near_overflow: u64,
     /// Points for which the visibility map had too few photons; see [`Points::unknown`].
     pub unknown: u64,

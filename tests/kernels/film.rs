@@ -287,6 +287,25 @@ fn squares_are_of_the_whole(gpu: &Gpu) {
     }
 }
 
+/// A square with which the sum would exceed the largest number is left out and counted: the mean is that of the others.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn sums_of_squares_stay_finite(gpu: &Gpu) {
+    // Its square is 0.73 of the largest number.
+    let bright = 2f32.powi(63) * 1.7;
+    let samples = vec![[bright; 4], [1.0; 4], [bright; 4], [1.0; 4], [bright; 4], [1.0; 4]];
+    let part = gpu.upload("test/part", &samples).unwrap();
+    let none = gpu.upload("test/none", &[[0f32; 4]]).unwrap();
+    let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+    let plane = film(gpu).plane_of_squares(gpu, 2, [&part, &none], inputs(&counters)).unwrap();
+    add(gpu, &plane, &tile(2, 3), 0);
+    let got = plane.means(gpu, &|_| 3).unwrap();
+    let expected = [DVec4::splat(f64::from(bright).powi(2)), DVec4::ONE];
+    assert!(error(&got, &expected) <= 1e-6, "{got:?}");
+    let mut counts = [0u32; Counter::COUNT];
+    counts[Counter::NearOverflow as usize] = 2;
+    assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), counts);
+}
+
 /// Counts pixels whose sum is beyond 2^104 in any component, of either sign, once for each batch that leaves them
 /// there.
 #[kernel_test("PENUMBRA_DEVICE")]
