@@ -13,6 +13,7 @@ use penumbra::internal::report::check::{Case, Cases, Finding, Outcome, junit, ki
 use penumbra::{Error, Image, Result};
 
 use super::child::{Ended, run_within};
+use super::interrupt::Interrupt;
 use super::names::check_names;
 use super::{Ending, print, say};
 
@@ -63,6 +64,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
+    let interrupt = Interrupt::listen();
     let all = Cases::read(&arguments.cases)?;
     let cases = arguments.selected(&all)?;
     let pages = || arguments.junit.iter().chain([&arguments.html]);
@@ -88,7 +90,17 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let is_software = device.as_ref().is_some_and(|device| device.is_software());
     let mut outcomes = match &arguments.images {
         Some(folder) => cases.iter().map(|case| compare(case, folder, &arguments.cases)).collect(),
-        None => arguments.render_all(&cases, is_software)?,
+        None => {
+            // A signal ends the renders first, which would go on without this process, and then the process.
+            interrupt.defer();
+            match arguments.render_all(&cases, is_software, &|| interrupt.raised())? {
+                Some(outcomes) => outcomes,
+                None => {
+                    say("stopped; nothing is written");
+                    return Ok(Ending::Stopped);
+                }
+            }
+        }
     };
     for outcome in &mut outcomes {
         arguments.bless(outcome, all.device.as_deref())?;
@@ -129,8 +141,13 @@ impl Arguments {
     }
 
     /// Renders and compares all cases, some at the same time. Each render is a process of its own, so that one that
-    /// fails is no more than a broken case.
-    fn render_all(&self, cases: &[Case], is_software: bool) -> Result<Vec<Outcome>> {
+    /// fails is no more than a broken case. `None` once `stop` returns true: all renders have ended then.
+    fn render_all(
+        &self,
+        cases: &[Case],
+        is_software: bool,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<Vec<Outcome>>> {
         let jobs = self.jobs.map_or_else(|| if is_software { default_jobs() } else { 1 }, |jobs| jobs as usize);
         let unknown = |problem| Error::Usage(format!("the file of this program cannot be found: {problem}"));
         let program = env::current_exe().map_err(unknown)?;
@@ -142,7 +159,10 @@ impl Arguments {
             for _ in 0..jobs.min(cases.len()) {
                 scope.spawn(|| {
                     while let Some((index, case)) = cases.iter().enumerate().nth(next.fetch_add(1, Ordering::Relaxed)) {
-                        let outcome = self.render(case, &program, &folder);
+                        if stop() {
+                            break;
+                        }
+                        let outcome = self.render(case, &program, &folder, stop);
                         if let Ok(mut outcomes) = outcomes.lock() {
                             outcomes[index] = Some(outcome);
                         }
@@ -152,11 +172,12 @@ impl Arguments {
         });
         // A folder for temporary files that cannot be removed does no harm.
         let _ = fs::remove_dir_all(&folder);
-        Ok(outcomes.into_inner().unwrap_or_default().into_iter().flatten().collect())
+        let outcomes = outcomes.into_inner().unwrap_or_default().into_iter().flatten().collect();
+        Ok(Some(outcomes).filter(|_| !stop()))
     }
 
     /// Renders a case once or twice, and compares it.
-    fn render(&self, case: &Case, program: &Path, folder: &Path) -> Outcome {
+    fn render(&self, case: &Case, program: &Path, folder: &Path, stop: &dyn Fn() -> bool) -> Outcome {
         let scene = case.scene.clone().unwrap_or_default();
         // Paths in flags are relative to the file of cases.
         let folder_of_cases =
@@ -173,7 +194,7 @@ impl Arguments {
                 "-o",
             ]);
             let limit = case.limits.seconds;
-            let ended = run_within(command.arg(&file), Duration::from_secs_f64(limit));
+            let ended = run_within(command.arg(&file), Duration::from_secs_f64(limit), stop);
             let Some(Ended { status, stderr }) = ended.map_err(|problem| problem.to_string())? else {
                 return Err(format!("took longer than its limit `seconds`, {limit} s, and was stopped"));
             };

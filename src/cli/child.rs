@@ -1,4 +1,4 @@
-//! Processes with a limit on their time.
+//! Processes that are ended after some time, or on request.
 
 use std::io::{self, Read};
 use std::process::{Command, ExitStatus, Stdio};
@@ -14,8 +14,8 @@ pub struct Ended {
     pub stderr: String,
 }
 
-/// Runs a process. Kills it and returns `None` if it takes longer than `limit`.
-pub fn run_within(command: &mut Command, limit: Duration) -> io::Result<Option<Ended>> {
+/// Runs a process. Kills it and returns `None` if it takes longer than `limit`, or once `stop` returns true.
+pub fn run_within(command: &mut Command, limit: Duration, stop: &dyn Fn() -> bool) -> io::Result<Option<Ended>> {
     let start = Instant::now();
     let mut child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn()?;
     let mut pipe = child.stderr.take();
@@ -30,7 +30,7 @@ pub fn run_within(command: &mut Command, limit: Duration) -> io::Result<Option<E
         if let Some(status) = child.try_wait()? {
             break Some(status);
         }
-        if start.elapsed() >= limit {
+        if start.elapsed() >= limit || stop() {
             child.kill()?;
             child.wait()?;
             break None;

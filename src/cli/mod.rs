@@ -81,7 +81,7 @@ Exit codes:
   4    no Vulkan device, or the device was lost and could not be replaced; view: no display
   5    compare: the error is above the limit; check: a case did not pass
   130  stopped by Ctrl-C or SIGTERM after the finished samples were written, or by Ctrl-C before the first sample, or
-       by Ctrl-C as the second signal
+       by Ctrl-C as the second signal; check: stopped by either, with nothing written
   143  stopped by SIGTERM before the first sample, or by SIGTERM as the second signal";
 
 /// How a command ended without an error.

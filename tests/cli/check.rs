@@ -152,8 +152,57 @@ fn a_render_that_takes_too_long_is_a_broken_case() {
     let answer = check(&file, &on_device(""));
     assert_eq!(answer.code, Some(5), "{answer:?}");
     assert!(answer.stdout.contains("broken   endless"), "{answer:?}");
-    assert!(answer.stdout.contains("took longer than 0.25 s"), "{answer:?}");
+    assert!(answer.stdout.contains("took longer than its limit `seconds`, 0.25 s"), "{answer:?}");
     assert!(answer.stdout.contains("broken   none"), "{answer:?}");
+}
+
+/// A signal ends the renders, which would go on alone, and leaves no folder for temporary files.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_signal_ends_the_renders_too() {
+    use std::thread::sleep;
+    use std::time::{Duration, Instant};
+
+    let folder = folder();
+    let file = folder.path().join("CASES.toml");
+    let endless = "render = { technique = \"path\", spp = 100000000 }";
+    fs::write(&file, format!("[[case]]\nname = \"endless\"\nscene = \"{BOX}\"\n{endless}\n")).unwrap();
+    let temporary = folder.path().join("temporary");
+    fs::create_dir(&temporary).unwrap();
+    // The processes that name the folder in their arguments: the renders write to it.
+    let renders = || {
+        let name = temporary.to_string_lossy();
+        let commands =
+            fs::read_dir("/proc").unwrap().filter_map(|entry| fs::read(entry.ok()?.path().join("cmdline")).ok());
+        commands.filter(|command| String::from_utf8_lossy(command).contains(&*name)).count()
+    };
+    for (name, code) in [("-TERM", 130), ("-INT", 130)] {
+        let mut command =
+            penumbra(&format!("check --device {}", device()), &[&"--html", &file.with_extension("html"), &file]);
+        let child = command.env("TMPDIR", &temporary).stderr(std::process::Stdio::piped()).spawn().unwrap();
+        let start = Instant::now();
+        while renders() == 0 {
+            assert!(start.elapsed() < Duration::from_secs(60), "no render begins");
+            sleep(Duration::from_millis(10));
+        }
+        crate::program::signal(&child, name);
+        let answer = Answer::from(child.wait_with_output().unwrap());
+        assert_eq!((answer.code, answer.stderr.as_str()), (Some(code), "stopped; nothing is written\n"));
+        assert_eq!(renders(), 0, "{name}: the render goes on");
+        assert_eq!(fs::read_dir(&temporary).unwrap().count(), 0, "{name}: a folder is left");
+    }
+}
+
+/// What would be ignored, or make cases overwrite each other's baselines, is refused.
+#[test]
+fn contradictions_are_refused() {
+    let folder = folder();
+    let file = folder.path().join("CASES.toml");
+    let case = |name: &str, rest: &str| format!("[[case]]\nname = \"{name}\"\nscene = \"{BOX}\"\n{rest}");
+    fs::write(&file, case("a", "") + &case("b", "")).unwrap();
+    check(&file, &on_device("--only b --bless a")).assert_refused(2, &["--bless a", "--only a"]);
+    fs::write(&file, case("a", "") + &case("b", "baseline = \"./a.exr\"\n")).unwrap();
+    check(&file, &on_device("")).assert_refused(3, &["case b", "a.exr", "case a has too"]);
 }
 
 /// Images of other renderers need no device.
