@@ -131,8 +131,12 @@ impl Arguments {
         if let Some(name) = self.only.iter().chain(self.bless.iter().filter(|name| *name != ALL)).find(|n| !known(n)) {
             return Err(Error::Usage(format!("no case of {} is called '{name}'", self.cases.display())));
         }
-        let is_selected = |case: &&Case| self.only.is_empty() || self.only.contains(&case.name);
-        let cases: Vec<Case> = all.cases.iter().filter(is_selected).cloned().collect();
+        let is_selected = |name: &String| self.only.is_empty() || self.only.contains(name);
+        if let Some(name) = self.bless.iter().find(|name| *name != ALL && !is_selected(name)) {
+            let problem = format!("--bless {name}: --only leaves this case out; add --only {name}");
+            return Err(Error::Usage(problem));
+        }
+        let cases: Vec<Case> = all.cases.iter().filter(|case| is_selected(&case.name)).cloned().collect();
         if let Some(case) = cases.iter().find(|case| case.scene.is_none() && self.images.is_none()) {
             let problem = "has no scene: only --images can check it";
             return Err(Error::input(&self.cases, format!("case {}", case.name), problem));

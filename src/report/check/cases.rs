@@ -153,7 +153,7 @@ impl Cases {
         let baselines = folder.join(file.baselines.unwrap_or_else(|| "baselines".into()));
         let limits = file.limits.over(Limits::default());
         let mut names = BTreeSet::new();
-        let mut cases = Vec::new();
+        let mut cases: Vec<Case> = Vec::new();
         for GivenCase { name, scene, baseline, render, limits: own } in file.case {
             let refuse = |problem: String| Error::input(path, format!("case {name}"), problem);
             let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
@@ -174,9 +174,16 @@ impl Cases {
             if Duration::try_from_secs_f64(limits.seconds).is_err() || limits.seconds == 0.0 {
                 return Err(refuse("the limit seconds must be more than 0".into()));
             }
+            let baseline = baselines.join(baseline.unwrap_or_else(|| format!("{name}.exr").into()));
+            // Each would replace that of the other.
+            if let Some(other) = cases.iter().find(|other| other.baseline == baseline) {
+                let file = baseline.display();
+                let problem = format!("has the baseline {file}, which case {} has too: each needs its own", other.name);
+                return Err(refuse(problem));
+            }
             cases.push(Case {
                 scene: scene.map(|scene| folder.join(scene)),
-                baseline: baselines.join(baseline.unwrap_or_else(|| format!("{name}.exr").into())),
+                baseline,
                 flags: flags(&all).map_err(refuse)?,
                 limits,
                 name,
@@ -282,6 +289,10 @@ mod tests {
             ("\n[[case]]\nscene = 1\n", "CASES.toml: line 3: invalid type: integer"),
             ("[[case]]\nname = \"a/b\"", "case a/b: a name must consist of letters"),
             ("[[case]]\nname = \"a\"\n[[case]]\nname = \"a\"", "case a: two cases have this name"),
+            (
+                "[[case]]\nname = \"a\"\n[[case]]\nname = \"b\"\nbaseline = \"a.exr\"",
+                "case b: has the baseline baselines/a.exr, which case a has too",
+            ),
             ("[[case]]\nname = \"a\"\nrender = { output = \"b\" }", "case a: render.output cannot be set"),
             ("[[case]]\nname = \"a\"\nrender = { crop = [[1]] }", "case a: render.crop is not a list"),
             ("[[case]]\nname = \"a\"\nlimits = { flip = 2.0 }", "case a: limits must be 0 or more"),
