@@ -29,6 +29,17 @@ pub fn check_names<'a>(
     Ok(())
 }
 
+/// Makes a folder for outputs, with those that it is in, unless it is there.
+///
+/// # Errors
+/// [`Error::Output`] if it cannot be made, or is something else.
+pub fn make_folder(path: &Path) -> Result<()> {
+    fs::create_dir_all(path).map_err(|problem| match path.exists() {
+        true => Error::output(path, "it is not a folder"),
+        false => Error::output(path, problem),
+    })
+}
+
 /// The path without links, as far as it exists.
 fn whole(path: &Path) -> PathBuf {
     fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_owned())

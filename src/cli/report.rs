@@ -4,6 +4,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+use std::{env, process};
 
 use kernel_kit::Gpu;
 use penumbra::internal::render::film;
@@ -21,10 +22,12 @@ use penumbra::{Camera, Error, Result, Scene, Settings, Technique};
 use super::first_samples::FirstSamples;
 use super::flags::with_flags;
 use super::interrupt::Interrupt;
+use super::names::make_folder;
 use super::options::{
     DeviceOptions, EntrantParser, OidnOptions, SceneOptions, SettingsOptions, positive, read_reference,
 };
-use super::{Ending, cache, json, say};
+use super::render::both;
+use super::{Ending, cache, json, print, say};
 
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
@@ -445,6 +448,16 @@ fn write(path: &Path, text: &str) -> Result<()> {
     film::write_atomically(path, |file| Ok(file.write_all(with_flags(text).as_bytes())?))
 }
 
+/// Saves measurements that took minutes: in the folder for temporary files, or else, if that is full too, on stdout.
+/// Returns where they are.
+fn rescue(measurements: &str) -> Result<String> {
+    let file = env::temp_dir().join(format!("penumbra-{}.json", process::id()));
+    match write(&file, measurements) {
+        Ok(()) => Ok(format!("; the measurements are in {}", file.display())),
+        Err(_) => print(measurements).map(|()| "; the measurements are on stdout".to_owned()),
+    }
+}
+
 impl Arguments {
     /// Checks everything that can be checked before the scene is read.
     fn check(&self) -> Result<()> {
@@ -458,29 +471,45 @@ impl Arguments {
     /// The folder of the report, in which all files can be written.
     fn folder(&self) -> Result<Folder<'_>> {
         let folder = Folder { path: &self.output, made: !self.output.exists() };
-        fs::create_dir_all(folder.path).map_err(|problem| Error::output(folder.path, problem))?;
+        make_folder(folder.path)?;
         FILES.iter().try_for_each(|name| film::check_target(folder.path.join(name)))?;
         Ok(folder)
     }
 
-    /// Writes all files of the report.
+    /// Writes all files of the report, and says what it concludes. A file that fails does not stop the others.
     fn write(&self, report: &Report, reference: &Reference, runs: &[Run]) -> Result<()> {
-        // It may have been removed since the start.
-        fs::create_dir_all(&self.output).map_err(|problem| Error::output(&self.output, problem))?;
+        // It may have been removed since the start. If it cannot be made, neither can the files.
+        let _ = fs::create_dir_all(&self.output);
         let [document, csv, html, error, rays, passes, image] = FILES.map(|name| self.output.join(name));
-        let text = json(report).map_err(|problem| Error::output(&document, problem))?;
-        write(&document, &(text + "\n"))?;
-        write(&csv, &report.csv())?;
-        write(&html, &page(report, reference, runs)?)?;
-        write(&error, &plot::error_over_time(report)?)?;
-        write(&rays, &plot::error_over_rays(report)?)?;
-        write(&passes, &plot::time_by_pass(report)?)?;
+        let text = json(report).map(|text| text + "\n").map_err(|problem| Error::output(&document, problem))?;
+        let measurements = write(&document, &text);
+        let is_lost = measurements.is_err();
+        let mut outcomes = vec![measurements, write(&csv, &report.csv())];
+        let mut draw = |path: &Path, content: Result<String>| {
+            outcomes.push(content.and_then(|content| write(path, &content)));
+        };
+        draw(&html, page(report, reference, runs));
+        draw(&error, plot::error_over_time(report));
+        draw(&rays, plot::error_over_rays(report));
+        draw(&passes, plot::time_by_pass(report));
         for sweep in &report.sweeps {
             let setting = sweep.setting.name();
-            write(&self.output.join(format!("sweep-{setting}.svg")), &plot::sweep(sweep)?)?;
-            write(&self.output.join(format!("savings-{setting}.svg")), &plot::savings(sweep)?)?;
+            draw(&self.output.join(format!("sweep-{setting}.svg")), plot::sweep(sweep));
+            draw(&self.output.join(format!("savings-{setting}.svg")), plot::savings(sweep));
         }
-        reference.image.write_exr(&image)?;
+        outcomes.push(reference.image.write_exr(&image));
+        self.conclude(report);
+        let kept = if is_lost { rescue(&text)? } else { String::new() };
+        outcomes.into_iter().fold(Ok(()), both).map_err(|problem| match problem {
+            Error::Output { file, problem } => Error::Output { file, problem: problem + &kept },
+            other => other,
+        })?;
+        self.tell(format!("wrote {}", html.display()));
+        Ok(())
+    }
+
+    /// Says how `auto` compares with the others, and what to use.
+    fn conclude(&self, report: &Report) {
         for row in &report.auto {
             let AutoReport { entrant, budget, relmse, best, best_relmse, ratio, .. } = row;
             let taken: Vec<String> = row.techniques.iter().map(ToString::to_string).collect();
@@ -494,8 +523,7 @@ impl Arguments {
                 ratio.high
             ));
         }
-        self.tell(format!("{}\nwrote {}", report.advice, html.display()));
-        Ok(())
+        self.tell(report.advice.clone());
     }
 
     /// Stopped before there was anything to report.

@@ -9,6 +9,7 @@ use penumbra::internal::render::film;
 use penumbra::internal::report::plot;
 use penumbra::internal::stress::{FAMILIES, Family, Reading, breakdown};
 
+use super::names::make_folder;
 use super::options::DeviceOptions;
 use super::{Ending, print, say};
 
@@ -30,7 +31,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let families = if arguments.families.is_empty() { &FAMILIES[..] } else { &arguments.families };
     let file = |family: &Family| arguments.output.as_ref().map(|folder| folder.join(format!("{}.svg", family.name)));
     if let Some(folder) = &arguments.output {
-        std::fs::create_dir_all(folder).map_err(|problem| penumbra::Error::output(folder, problem))?;
+        make_folder(folder)?;
     }
     families.iter().filter_map(|family| file(family)).try_for_each(film::check_target)?;
     let gpu = arguments.device.open()?;

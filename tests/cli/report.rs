@@ -82,6 +82,48 @@ fn everything_is_written_and_as_documented() {
     assert_eq!(read_json(folder)["reference"], expected);
 }
 
+/// A file that cannot be written does not stop the others, and each is named. The measurements are saved elsewhere.
+#[cfg(unix)]
+#[test]
+fn what_can_be_written_is_written() {
+    use std::io::{BufRead, BufReader, Read};
+
+    let folder = folder();
+    let [reports, temporary] = ["report", "temporary"].map(|name| folder.path().join(name));
+    fs::create_dir(&temporary).unwrap();
+    let lost = ["report.json", "error.svg"].map(|name| reports.join(name));
+    let arguments = format!(
+        "report --device {} {SMALL} --repeats 3 --techniques path --budgets 0.3 --reference-error 0.5 --max-bounces 0",
+        device()
+    );
+    for has_room in [true, false] {
+        let mut command = penumbra(&arguments, &[&BOX, &"--cache", &folder.path().join("cache"), &"-o", &reports]);
+        let gone = folder.path().join("gone");
+        command.env("TMPDIR", if has_room { &temporary } else { &gone });
+        command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let (mut stderr, mut said) = (BufReader::new(child.stderr.take().unwrap()), String::new());
+        while !said.contains("run 1 of 3") {
+            assert!(stderr.read_line(&mut said).unwrap() > 0, "it ended before its runs: {said}");
+        }
+        lost.iter().for_each(|file| fs::create_dir(file).unwrap());
+        stderr.read_to_string(&mut said).unwrap();
+        let answer = Answer { stderr: said, ..Answer::from(child.wait_with_output().unwrap()) };
+        assert_eq!(answer.code, Some(3), "{answer:?}");
+        let error = answer.stderr.lines().last().unwrap();
+        assert!(error.contains("report.json: cannot write") && error.contains("error.svg is not written"), "{error}");
+        for name in ["report.csv", "report.html", "rays.svg", "passes.svg", "reference.exr"] {
+            assert!(reports.join(name).is_file(), "{name}");
+        }
+        let measurements = match has_room {
+            true => fs::read_to_string(error.rsplit_once("measurements are in ").unwrap().1).unwrap(),
+            false => answer.stdout.clone(),
+        };
+        assert_eq!(serde_json::from_str::<Value>(&measurements).unwrap()["runs"], 3, "{error}");
+        lost.iter().for_each(|file| fs::remove_dir(file).unwrap());
+    }
+}
+
 /// Techniques with denoisers are entrants of their own, each once and in the order of techniques.
 #[test]
 fn denoisers_make_entrants() {

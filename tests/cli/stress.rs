@@ -12,7 +12,7 @@ fn what_is_wrong_is_said_before_anything_is_rendered() {
     let folder = folder();
     let file = folder.path().join("a file");
     fs::write(&file, "").unwrap();
-    run("stress scale -o", &[&file]).assert_refused(3, &["a file"]);
+    run("stress scale -o", &[&file]).assert_refused(3, &["a file", "not a folder"]);
 }
 
 #[test]
