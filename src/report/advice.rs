@@ -110,6 +110,11 @@ fn limit_of_reference(entrants: &[MeasuredEntrant], reference: &Reference) -> Op
 /// The entrant that is the fastest to an error that another one reaches too, or that reaches a smaller error than any
 /// other.
 fn best(entrants: &[MeasuredEntrant]) -> String {
+    // Times to an error mean nothing where every image has none.
+    let mut snapshots = entrants.iter().flat_map(|measured| &measured.report.snapshots);
+    if snapshots.all(|snapshot| snapshot.relmse.value == 0.0) {
+        return "No image has an error, so none is better than another: is there light in the scene?".to_owned();
+    }
     // A bias that falls with time costs time, as noise does.
     let unbiased = |measured: &&MeasuredEntrant| measured.report.finding.kind != FindingKind::Bias;
     let reached = entrants.iter().filter(unbiased).map(MeasuredEntrant::reached);

@@ -123,7 +123,8 @@ fn against_best(entrants: &[MeasuredEntrant], rows: &mut [Row]) -> Vec<AutoRepor
             let mut ratios = Vec::new();
             for row in rows.iter_mut().filter(|row| row.entrant == auto.entrant() && row.budget == snapshot.budget) {
                 if let Some((_, relmse)) = relmses.iter().find(|(seed, _)| *seed == row.seed) {
-                    let ratio = row.relmse / relmse;
+                    // As in curves: an error of 0 has no ratio.
+                    let ratio = row.relmse.max(f64::MIN_POSITIVE) / relmse.max(f64::MIN_POSITIVE);
                     row.best = Some((best, ratio));
                     ratios.push(ratio);
                 }

@@ -2,8 +2,9 @@
 
 use penumbra::internal::report::document::Report;
 use penumbra::internal::report::entrant::Entrant;
+use penumbra::internal::report::interval::Interval;
 use penumbra::internal::report::reference::Reference;
-use penumbra::internal::report::run::{Run, Snapshot, Starter};
+use penumbra::internal::report::run::{Run, Snapshot, Starter, Subject};
 use penumbra::internal::statistics::Rays;
 use penumbra::settings::Denoise;
 use penumbra::{Denoiser, Image, Settings, Technique};
@@ -31,6 +32,34 @@ fn settings() -> Settings {
     })
 }
 
+/// A report of three runs of each technique that end with their set-up, with images of these budgets and errors.
+fn planted(subject: &Subject<'_>, entrants: &[(Option<Technique>, &[(f64, f32)])]) -> Report {
+    let mut runs = Vec::new();
+    for seed in 0..3 {
+        for (technique, errors) in entrants {
+            let starter = Starter::new(*technique, Denoiser::default());
+            let mut run = Run::new(subject, &starter, seed, &[], &|| false).unwrap().unwrap();
+            let technique = run.settings.technique;
+            for &(budget, error) in *errors {
+                let (image, rays) = (grey(GREY + error), Rays::default());
+                run.snapshots.push(Snapshot {
+                    budget,
+                    technique,
+                    sampled: budget,
+                    denoise: 0.0,
+                    samples: 4,
+                    rays,
+                    image,
+                    estimate: None,
+                });
+            }
+            runs.push(run);
+        }
+    }
+    let reference = Reference { image: grey(GREY), goal: None };
+    Report::new("box.glb", &subject.gpu.info, &reference, &runs, Vec::new()).unwrap()
+}
+
 /// Each budget has a render of its own, by the technique for that budget.
 #[test]
 fn each_budget_has_its_own_choice_and_render() {
@@ -55,40 +84,32 @@ fn each_budget_has_its_own_choice_and_render() {
     assert_eq!(short.entrant(), AUTO);
 }
 
+/// Images without an error, as of a black scene, have a ratio of 1, and no entrant is better than another.
+#[test]
+fn images_without_an_error_have_a_ratio() {
+    let scene = Box::load();
+    let settings = settings();
+    let subject = scene.subject(&settings);
+    let report = planted(&subject, &[(None, &[(1.0, 0.0), (2.0, 0.0)]), (Some(Technique::PATH), &[(1.0, 0.0)])]);
+    assert!(report.auto.iter().all(|row| row.ratio == Interval { value: 1.0, low: 1.0, high: 1.0 }));
+    assert!(!report.csv().contains("NaN"), "{}", report.csv());
+    assert!(report.advice.starts_with("No image has an error"), "{}", report.advice);
+}
+
 /// The report compares `auto` with the smallest error of the others within the budget, also by an earlier image.
 #[test]
 fn auto_is_compared_with_the_best_of_the_others() {
     let scene = Box::load();
     let settings = settings();
     let subject = scene.subject(&settings);
-    let mut runs = Vec::new();
-    for seed in 0..3 {
-        // The errors are planted in runs that end with their set-up.
-        let mut plant = |technique: Option<Technique>, errors: &[(f64, f32)]| {
-            let starter = Starter::new(technique, Denoiser::default());
-            let mut run = Run::new(&subject, &starter, seed, &[], &|| false).unwrap().unwrap();
-            let technique = run.settings.technique;
-            for &(budget, error) in errors {
-                let (image, rays) = (grey(GREY + error), Rays::default());
-                run.snapshots.push(Snapshot {
-                    budget,
-                    technique,
-                    sampled: budget,
-                    denoise: 0.0,
-                    samples: 4,
-                    rays,
-                    image,
-                    estimate: None,
-                });
-            }
-            runs.push(run);
-        };
-        plant(None, &[(1.0, 0.2), (2.0, 0.2)]);
-        plant(Some(Technique::PATH), &[(1.0, 0.1)]);
-        plant(Some(Technique::TWO_PASS), &[(1.0, 0.3), (2.0, 0.25)]);
-    }
-    let reference = Reference { image: grey(GREY), goal: None };
-    let report = Report::new("box.glb", &subject.gpu.info, &reference, &runs, Vec::new()).unwrap();
+    let report = planted(
+        &subject,
+        &[
+            (None, &[(1.0, 0.2), (2.0, 0.2)]),
+            (Some(Technique::PATH), &[(1.0, 0.1)]),
+            (Some(Technique::TWO_PASS), &[(1.0, 0.3), (2.0, 0.25)]),
+        ],
+    );
     assert_eq!(report.auto.len(), 2);
     for (row, budget) in report.auto.iter().zip([1.0, 2.0]) {
         assert_eq!((row.entrant, row.budget, row.best), (AUTO, budget, Entrant::raw(Technique::PATH)));
