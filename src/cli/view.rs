@@ -121,6 +121,9 @@ const STATED: [&str; 23] = [
     "light_scale",
 ];
 
+/// Options of the lens, besides its f-number.
+const LENS: [&str; 2] = ["focus", "iris_blades"];
+
 /// Options that place the camera.
 const CAMERA: [&str; 6] = ["camera", "from", "look_from", "look_at", "look_up", "orthographic"];
 
@@ -135,8 +138,8 @@ struct Options {
     camera: Vec<String>,
     /// The animation options.
     animation: Vec<String>,
-    /// The f-number that was given.
-    aperture: Option<f64>,
+    /// The options of the lens besides its f-number, without which they have no meaning.
+    lens: Vec<String>,
 }
 
 impl Options {
@@ -148,10 +151,10 @@ impl Options {
             scene: arguments.scene.clone(),
             oidn: arguments.oidn.clone(),
             denoise: arguments.denoise,
-            kept: all(&|id| !STATED.contains(&id)),
+            kept: all(&|id| !STATED.contains(&id) && !LENS.contains(&id)),
             camera: all(&|id| CAMERA.contains(&id)),
             animation: all(&|id| ["animation", "repeat"].contains(&id)),
-            aperture: arguments.scene.f_number(),
+            lens: all(&|id| LENS.contains(&id)),
         }
     }
 
@@ -165,7 +168,7 @@ impl Options {
     }
 
     /// The options of the camera.
-    fn eye(&self, eye: &Eye) -> Vec<String> {
+    fn camera_options(&self, eye: &Eye) -> Vec<String> {
         let mut options = match &eye.viewpoint {
             Viewpoint::Given => self.camera.clone(),
             Viewpoint::File(index) => vec![format!("--camera={index}")],
@@ -187,8 +190,10 @@ impl Options {
         let fov = eye.fov.or(self.scene.fov().filter(|_| eye.viewpoint == Viewpoint::Given)).filter(|_| !is_placed);
         options.extend(fov.map(|fov| format!("--fov={fov}")));
         let is_orthographic = matches!(eye.viewpoint, Viewpoint::Placed(LookAt { extent: Extent::Height(_), .. }));
-        let f_number = eye.f_number.or(self.aperture).filter(|_| !is_orthographic);
-        options.extend(f_number.map(|f_number| format!("--aperture={f_number}")));
+        if let Some(f_number) = eye.f_number.filter(|_| !is_orthographic) {
+            options.push(format!("--aperture={f_number}"));
+            options.extend(self.lens.iter().cloned());
+        }
         options
     }
 }
@@ -227,6 +232,10 @@ impl Source for Options {
         self.seen(eye).camera(scene, aspect)
     }
 
+    fn eye(&self) -> Eye {
+        Eye { f_number: self.scene.f_number(), ..Eye::default() }
+    }
+
     fn denoiser(&self) -> (Denoiser, Option<String>) {
         match self.oidn.denoiser(self.denoise) {
             Ok(denoiser) => (denoiser, None),
@@ -239,14 +248,13 @@ impl Source for Options {
         let Choices { settings, pose, display } = choices;
         let image = &settings.image;
         let mut words = vec!["penumbra".to_owned(), "render".to_owned(), file.display().to_string()];
-        words.extend(self.eye(eye));
+        words.extend(self.camera_options(eye));
         if let Some(time) = pose.time {
             words.push(format!("--at={time}"));
             words.extend(self.animation.iter().cloned());
         }
         words.extend(pose.variant.iter().map(|variant| format!("--variant={variant}")));
-        let rotation = pose.environment_rotation.or(self.scene.rotation());
-        words.extend(rotation.map(|degrees| format!("--environment-rotation={degrees}")));
+        words.extend(pose.environment_rotation.map(|degrees| format!("--environment-rotation={degrees}")));
         words.push(format!("--technique={}", settings.technique));
         words.push(format!("--width={}", image.width));
         words.push(format!("--height={}", image.height));
@@ -288,7 +296,23 @@ fn quoted(word: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
+    use super::super::{Command, CommandLine};
     use super::quoted;
+
+    /// The window begins with what the command says.
+    #[test]
+    fn the_environment_is_turned_at_first() {
+        let rotation = |options: &[&str]| {
+            let line = CommandLine::parse_from([&["penumbra", "view", "scene.glb"], options].concat());
+            let Command::View(arguments) = line.command else { panic!("another command") };
+            arguments.scene.pose().environment_rotation
+        };
+        let panorama = ["--environment", "sky.exr"];
+        assert_eq!(rotation(&[&panorama[..], &["--environment-rotation", "45"]].concat()), Some(45.0));
+        assert_eq!(rotation(&panorama), None);
+    }
 
     #[test]
     fn words_are_quoted_for_a_shell() {

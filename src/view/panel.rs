@@ -140,6 +140,7 @@ impl Panel {
         if self.scene != picture.file {
             self.scene.clone_from(&picture.file);
             self.choices.iter_mut().for_each(|choices| choices.pose = picture.choices.pose.clone());
+            self.f_number = picture.eye.f_number;
         }
         SidePanel::right("panel").exact_size(WIDTH).resizable(false).show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| self.controls(ui, snapshot, &mut requests));
@@ -416,6 +417,10 @@ fn display(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
     });
     if !display.overlay.legend().is_empty() {
         ui.small(display.overlay.legend());
+    }
+    // A file that is read again may have fewer.
+    if display.light >= snapshot.lights.len() {
+        display.light = 0;
     }
     if display.overlay.is_of_a_light() {
         let name = snapshot.lights.get(display.light).map_or("none", String::as_str);

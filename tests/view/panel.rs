@@ -202,6 +202,33 @@ fn sliders_leave_values_alone() {
     }
 }
 
+/// A scene that is read again may have fewer lights than before.
+#[test]
+fn a_light_that_is_gone_is_not_selected() {
+    let mut snapshot = snapshot();
+    let display = &mut snapshot.picture.choices.display;
+    (display.overlay, display.light) = (Overlay::Classes, 1);
+    let mut window = Window::new(snapshot);
+    assert!(window.commands(Vec::new(), Modifiers::NONE).is_empty());
+    window.snapshot.lights.pop();
+    let requests = window.frame(Vec::new(), Modifiers::NONE).0;
+    let [Request::Command(Command::Choose(choices))] = &requests[..] else { panic!("{requests:?}") };
+    assert_eq!(choices.display.light, 0);
+}
+
+/// Lens and environment are at first those of the command line.
+#[test]
+fn sliders_begin_with_the_command_line() {
+    let mut snapshot = snapshot();
+    snapshot.has_panorama = true;
+    snapshot.picture.choices.pose.environment_rotation = Some(45.5);
+    snapshot.picture.eye.f_number = Some(5.6);
+    let texts = Window::new(snapshot).texts();
+    for text in ["45.5", "f-number", "5.6"] {
+        assert!(texts.iter().any(|found| found.starts_with(text)), "{text:?} is not in {texts:#?}");
+    }
+}
+
 /// Another file has animations and variants of its own; what else was chosen stays.
 #[test]
 fn another_file_has_its_own_pose() {

@@ -188,7 +188,7 @@ impl SceneOptions {
 
     /// Another field of view or f-number, if there are any.
     pub fn through(self, fov: Option<f64>, f_number: Option<f64>) -> Self {
-        SceneOptions { fov: fov.or(self.fov), aperture: f_number.or(self.aperture), ..self }
+        SceneOptions { fov: fov.or(self.fov), aperture: f_number, ..self }
     }
 
     /// A camera of the file.
@@ -210,7 +210,7 @@ impl SceneOptions {
 
     /// The state of the scene.
     pub fn pose(&self) -> Pose {
-        Pose { time: self.at, variant: self.variant.clone(), environment_rotation: None }
+        Pose { time: self.at, variant: self.variant.clone(), environment_rotation: self.rotation() }
     }
 
     /// The field of view.

@@ -26,7 +26,7 @@ pub enum Command {
     Fly([f64; 3]),
     /// Set the vertical field of view in degrees.
     FieldOfView(f64),
-    /// Set the f-number; `None` for the lens of the command.
+    /// Set the f-number; `None` to have no lens.
     Aperture(Option<f64>),
     /// See the whole scene from this side.
     FrameAll,

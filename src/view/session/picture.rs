@@ -37,7 +37,7 @@ pub struct Eye {
     pub viewpoint: Viewpoint,
     /// Vertical field of view in degrees of a camera that was not moved; `None` for its own.
     pub fov: Option<f64>,
-    /// F-number of the lens; `None` for the command's.
+    /// F-number of the lens; `None` without one.
     pub f_number: Option<f64>,
 }
 
@@ -76,6 +76,11 @@ pub trait Source: Send + Sync {
     /// # Errors
     /// [`Error::Usage`](crate::Error::Usage) if the scene has no such camera.
     fn camera(&self, scene: &Scene, eye: &Eye, aspect: f32) -> Result<Camera>;
+
+    /// The state of the camera at first.
+    fn eye(&self) -> Eye {
+        Eye::default()
+    }
 
     /// The denoiser; without one, why.
     fn denoiser(&self) -> (Denoiser, Option<String>);

@@ -58,9 +58,9 @@ impl State {
     pub fn new(source: Arc<dyn Source>, file: PathBuf, scene: Scene, choices: Choices) -> State {
         let origin = Origin { file: file.clone(), pose: choices.pose.clone(), reloads: 0 };
         State {
+            eye: source.eye(),
             source,
             file,
-            eye: Eye::default(),
             choices,
             scene: Some(Loaded { scene: Arc::new(scene), origin: origin.clone() }),
             tried: Some(origin),
@@ -159,7 +159,7 @@ impl State {
         let scene = self.source.load(&origin.file, &origin.pose)?;
         // The view of a file that is read again stays.
         if is_another {
-            (self.eye, self.choices.pose) = (Eye::default(), origin.pose.clone());
+            (self.eye, self.choices.pose) = (self.source.eye(), origin.pose.clone());
         }
         self.picked = None;
         self.scene = Some(Loaded { scene: Arc::new(scene), origin });
