@@ -260,7 +260,8 @@ pub struct IndirectSettings {
     #[serde(rename = "flux_photons")]
     pub photons: Option<u32>,
     /// Upper limit of the indirect light that a path adds to its sample, for each of red, green and blue: more than 0,
-    /// in units of radiance. It removes fireflies, and with them light: the image is biased. `None`: no limit.
+    /// in units of radiance. It removes fireflies, and with them light: the image is biased. Light that points take
+    /// from the caustic map or from irradiance records is not limited. `None`: no limit.
     pub clamp: Option<f32>,
     /// The irradiance cache.
     #[serde(flatten)]

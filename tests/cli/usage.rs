@@ -76,6 +76,7 @@ fn help_states_the_defaults_and_names() {
         let help = help_of(option);
         assert!(help.contains(&format!("[default: {default}")), "{help}");
     }
+    assert!(help_of("--clamp <").contains("from the caustic map is not limited"));
     let (techniques, aovs) = (help_of("--technique <"), help_of("--aov <"));
     assert!(Technique::all().all(|technique| techniques.contains(technique.name())), "{techniques}");
     assert!(Aov::ALL.iter().all(|aov| aovs.contains(aov.name())), "{aovs}");

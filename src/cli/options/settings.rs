@@ -226,7 +226,8 @@ struct IndirectOptions {
     #[arg(long, value_name = "N")]
     flux_photons: Option<u32>,
 
-    /// Limit the indirect light of each path to this radiance, which removes fireflies but biases the image
+    /// Limit the indirect light of each path to this radiance, which removes fireflies but biases the image. Light
+    /// that points take from irradiance records and from the caustic map is not limited
     #[arg(long, value_name = "RADIANCE")]
     clamp: Option<f32>,
 
