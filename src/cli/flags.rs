@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// The library's name of a setting, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 42] = [
+const FLAGS: [(&str, &str); 44] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`indirect.irradiance_cache.enabled`", "--no-cache"),
     ("`technique`", "--technique"),
@@ -13,6 +13,8 @@ const FLAGS: [(&str, &str); 42] = [
     ("`image.spp`", "--spp"),
     ("`image.sampling`", "--sampling"),
     ("`image.piece`", "--samples"),
+    ("`image.noise`", "--noise"),
+    ("`image.background`", "--background"),
     ("`image.seed`", "--seed"),
     ("`image.aovs`", "--aov"),
     ("`image.denoise`", "--denoise"),

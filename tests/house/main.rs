@@ -4,6 +4,7 @@ mod cases;
 mod documents;
 mod exports;
 mod features;
+mod flags;
 mod floors;
 mod imports;
 mod lines;
