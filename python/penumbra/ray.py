@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import pathlib
 import shutil
@@ -30,7 +31,7 @@ import penumbra
 
 __all__ = ["Piece", "Rendered", "render"]
 
-# As in the program's file names: names sort like frames.
+# Minimum number of digits of a frame's number, as in the program's file names.
 _DIGITS = 4
 # Tasks that wait for a free worker, for each frame's first piece: more would fill the scheduler, fewer would let
 # workers wait.
@@ -99,8 +100,8 @@ def render(
     numbers: list[int | None] = [None] if frames is None else list(frames)
     if frames is not None and "{frame}" not in output:
         raise penumbra.Error(f"{output}: frames are many files, so the name must contain {{frame}}")
-    if not fps > 0:
-        raise penumbra.Error(f"fps is {fps}; it must be more than 0")
+    if not 0 < fps < math.inf:
+        raise penumbra.Error(f"fps is {fps}; it must be finite and more than 0")
     _check_target(pathlib.Path(output))
     cuts = list(_cuts(spp, ranges, tiles, settings))
     if not ray.is_initialized():
@@ -114,11 +115,10 @@ def render(
         return task.remote(source, of_frame, {**settings, "spp": spp}, piece)
 
     todo = (Piece(number, samples, crop) for number in numbers for samples, crop in cuts)
-    digits = max([_DIGITS, *(len(str(number)) for number in numbers)])
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
         merging = ("denoise", "oidn_library", "device")
         kept: dict[str, Any] = {name: settings[name] for name in merging if name in settings}
-        assembly = _Assembly(output, digits, len(cuts), cuts == [(None, None)], pathlib.Path(folder), kept)
+        assembly = _Assembly(output, len(cuts), cuts == [(None, None)], pathlib.Path(folder), kept)
         done: list[Rendered] = []
         pending: dict[ray.ObjectRef[Any], Piece] = {}
         try:
@@ -167,11 +167,8 @@ def _get(reference: ray.ObjectRef[Any]) -> tuple[bytes, dict[str, Any], str]:
 class _Assembly:
     """The pieces that have come, as files, until their frame is complete."""
 
-    def __init__(
-        self, output: str, digits: int, cuts: int, whole: bool, folder: pathlib.Path, denoise: dict[str, Any]
-    ) -> None:
+    def __init__(self, output: str, cuts: int, whole: bool, folder: pathlib.Path, denoise: dict[str, Any]) -> None:
         self.output = output
-        self.digits = digits
         self.cuts = cuts
         self.whole = whole
         self.folder = folder
@@ -179,7 +176,7 @@ class _Assembly:
         self.files: dict[int | None, list[pathlib.Path]] = {}
 
     def add(self, piece: Piece, data: bytes) -> None:
-        name = self.output if piece.frame is None else self.output.replace("{frame}", f"{piece.frame:0{self.digits}}")
+        name = self.output if piece.frame is None else self.output.replace("{frame}", f"{piece.frame:0{_DIGITS}}")
         files = self.files.setdefault(piece.frame, [])
         files.append(self.folder / f"{piece.frame}-{len(files)}.exr")
         files[-1].write_bytes(data)

@@ -11,7 +11,8 @@ use super::options::positive;
 /// Stands for the number of the frame in the names of files.
 const PLACEHOLDER: &str = "{frame}";
 
-/// Minimum number of digits of a frame number in file names, as in other programs: names then sort like frames.
+/// Minimum number of digits of a frame number in file names, as in other programs. It does not depend on the range of
+/// frames: a frame has the same name whichever others are rendered with it.
 const DIGITS: usize = 4;
 
 /// Options of a sequence.
@@ -79,8 +80,6 @@ pub struct Frame {
     pub seconds: Option<f64>,
     /// Offset that is added to the seed.
     pub seed: u32,
-    /// Digits of its number in names of files.
-    digits: usize,
 }
 
 impl SequenceOptions {
@@ -89,11 +88,10 @@ impl SequenceOptions {
         let views = self.turntable.map(|views| Frames { first: 0, last: views - 1 });
         let Frames { first, last } = self.frames.or(views)?;
         let numbers: RangeInclusive<u32> = first..=last;
-        let digits = last.to_string().len().max(DIGITS);
         let (fps, seed_per_frame) = (views.is_none().then_some(self.fps), self.seed_per_frame);
         Some(numbers.map(move |number| {
             let seed = if seed_per_frame { number } else { 0 };
-            Frame { number, seconds: fps.map(|fps| f64::from(number) / fps), seed, digits }
+            Frame { number, seconds: fps.map(|fps| f64::from(number) / fps), seed }
         }))
     }
 
@@ -125,9 +123,9 @@ impl SequenceOptions {
 impl Frame {
     /// The name of its file.
     pub fn file(&self, path: &Path) -> PathBuf {
-        let Frame { number, digits, .. } = self;
+        let number = self.number;
         match path.to_str() {
-            Some(text) => text.replace(PLACEHOLDER, &format!("{number:0digits$}")).into(),
+            Some(text) => text.replace(PLACEHOLDER, &format!("{number:0DIGITS$}")).into(),
             None => path.to_owned(),
         }
     }

@@ -71,6 +71,16 @@ fn turntables_show_all_sides() {
     assert!((0..2).all(|i| again.stderr.contains(&format!("frame {i} is complete"))), "{}", again.stderr);
 }
 
+/// The name of a frame does not depend on the other frames.
+#[test]
+fn names_of_frames_are_those_of_other_ranges() {
+    let folder = folder();
+    sequence("--frames 9999..10000 --fps 10000", &folder.path().join("{frame}.exr"));
+    for name in ["9999.exr", "10000.exr"] {
+        assert!(folder.path().join(name).exists(), "{name}");
+    }
+}
+
 /// Frames after the first are rendered with its kernels, and have the bits of a render of their own.
 #[test]
 fn later_frames_are_those_of_a_process_of_their_own() {
@@ -181,5 +191,7 @@ fn wrong_usage_of_time_names_the_option() {
         run(&arguments, &[]).assert_refused(2, &[word]);
     }
     run("plan --at 1", &[&BOX]).assert_refused(2, &["no animation", "--at"]);
+    let frames = format!("render --device {} -o {{frame}}.png --frames 0..1", device());
+    run(&frames, &[&BOX]).assert_refused(2, &["no animation", "--frames has"]);
     run("plan --at 1 --animation jump", &[&FACE]).assert_refused(2, &["jump", "both, left"]);
 }

@@ -260,7 +260,10 @@ impl SceneOptions {
         panorama: Option<&LoadedPanorama>,
         aspect: f32,
     ) -> Result<(Scene, Camera)> {
-        let mut scene = self.load_at(time.or(self.at))?;
+        let mut scene = self.load_at(time.or(self.at)).map_err(|error| match error {
+            Error::Usage(problem) if self.at.is_none() => Error::Usage(problem.replace("`time`", "--frames")),
+            other => other,
+        })?;
         if let Some(panorama) = panorama {
             self.set_panorama(&mut scene, panorama)?;
         }
