@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use penumbra::Settings;
 use penumbra::settings::{Background, Crop, SampleRange};
-use pyo3::exceptions::{PyOverflowError, PyTypeError};
+use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -122,6 +122,10 @@ fn about(value: &Bound<'_, PyAny>, name: &str, problem: PyErr) -> PyErr {
     }
     if problem.is_instance_of::<PyTypeError>(py) {
         return PyTypeError::new_err(format!("{name}: {}", problem.value(py)));
+    }
+    // Such as a tuple of another length.
+    if problem.is_instance_of::<PyValueError>(py) {
+        return error(&format!("{name} is {value}: {}", problem.value(py)));
     }
     problem
 }

@@ -49,7 +49,7 @@ impl RenderResult {
 
     /// What a view shows: the denoised image if there is one.
     fn encode(&self, py: Python<'_>, view: &str, exposure: f32) -> PyResult<Vec<u8>> {
-        let view: View = view.parse().map_err(of_library)?;
+        let view = checked(view, exposure)?;
         let shown = || match self.rendered.denoised() {
             Some(denoised) => denoised.to_png(view, exposure),
             None => self.rendered.to_png(view, exposure),
@@ -110,7 +110,7 @@ impl RenderResult {
     /// if there is one.
     #[pyo3(signature = (path, *, view = "neutral", exposure = 0.0))]
     fn save(&self, py: Python<'_>, path: PathBuf, view: &str, exposure: f32) -> PyResult<()> {
-        let view: View = view.parse().map_err(of_library)?;
+        let view = checked(view, exposure)?;
         let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let write = || match self.rendered.denoised().filter(|_| !is_exr) {
             Some(denoised) => denoised.write(&path, view, exposure),
@@ -135,6 +135,14 @@ impl RenderResult {
         let Image { width, height, .. } = self.rendered;
         format!("<penumbra.Result: {width} x {height} pixels, {} samples per pixel>", self.samples)
     }
+}
+
+/// The view of that name, if the exposure is a number of stops.
+fn checked(view: &str, exposure: f32) -> PyResult<View> {
+    if !exposure.is_finite() {
+        return Err(error(&format!("exposure is {exposure}; it must be finite")));
+    }
+    view.parse().map_err(of_library)
 }
 
 /// A value of the library as a dict, as in its JSON.

@@ -43,6 +43,10 @@ def test_errors_of_files_are_the_librarys(tmp_path):
         ({"aperture": 2.0, "focus": -1.0}, "^aperture: a focus distance must be"),
         ({"aperture": 2.0, "iris_blades": 2}, "^aperture: an iris must have"),
         ({"background": "sky"}, "^background is 'sky'"),
+        ({"background": (1.0, 0.5)}, "^background is "),
+        ({"crop": (0, 0, 8)}, "^crop is "),
+        ({"samples": (0, 8, 16)}, "^samples is "),
+        ({"direction": (0.0,)}, "^direction is "),
         ({"device": "no such device"}, "no such device"),
     ],
 )
@@ -62,6 +66,15 @@ def test_wrong_types_are_type_errors(box):
         penumbra.Scene.load("box.glb", loop=True)
     with pytest.raises(penumbra.Error, match="need environment"):
         penumbra.Scene.load("box.glb", environment_rotation=90.0)
+
+
+@pytest.mark.parametrize("exposure", [float("nan"), float("inf")])
+def test_an_exposure_is_finite(box, device, tmp_path, exposure):
+    result = box.render(width=4, height=4, spp=1, max_bounces=0, device=device)
+    with pytest.raises(penumbra.Error, match=f"^exposure is {exposure}; it must be finite$".replace("nan", "NaN")):
+        result.save(tmp_path / "a.png", exposure=exposure)
+    with pytest.raises(penumbra.Error, match="^exposure is "):
+        result.png(exposure=exposure)
 
 
 def test_every_keyword_of_the_signature_is_known(box):

@@ -149,6 +149,8 @@ def test_errors_come_back_as_the_librarys(scenes, tmp_path):
         penumbra.ray.render(scenes / "box.glb", tmp_path / "none" / "whole.exr")
     with pytest.raises(penumbra.Error, match="^fps is 0"):
         penumbra.ray.render(scenes / "box.glb", tmp_path / "{frame}.exr", frames=range(2), fps=0)
+    with pytest.raises(penumbra.Error, match="^fps is inf; it must be finite"):
+        penumbra.ray.render(scenes / "box.glb", tmp_path / "{frame}.exr", frames=range(2), fps=float("inf"))
     with pytest.raises(penumbra.Error, match="^ranges is 17"):
         penumbra.ray.render(scenes / "box.glb", tmp_path / "whole.exr", ranges=17)
     with pytest.raises(penumbra.Error, match="need width and height"):
