@@ -4,7 +4,6 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
-use crate::settings::stages::{grows, settings_of_stage, stage};
 use super::tiles::{TileFilm, TileSize};
 use crate::Result;
 use crate::gpu_scene::{CameraUniform, GpuScene};
@@ -17,6 +16,7 @@ use crate::passes::film::{Film, Plane};
 use crate::passes::primary::{BoundPrimary, Primary};
 use crate::scene::{Camera, Scene};
 use crate::settings::Settings;
+use crate::settings::stages::{grows, settings_of_stage, stage};
 use crate::specialisation::Specialisation;
 use crate::specialisation::features::Features;
 use crate::statistics::totals::Totals;
