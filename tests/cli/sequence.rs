@@ -68,7 +68,7 @@ fn turntables_show_all_sides() {
     assert!(!view("both", 2).exists(), "{}", both.stderr);
     assert_ne!(bits(&view("both", 0)), bits(&view("both", 1)));
     let again = sequence("--turntable 2 --from 30,20", &name("both"));
-    assert!((0..2).all(|i| again.stderr.contains(&format!("frame {i} is complete"))), "{}", again.stderr);
+    assert!((0..2).all(|i| again.stderr.contains(&format!("view {i} is complete"))), "{}", again.stderr);
 }
 
 /// The name of a frame does not depend on the other frames.

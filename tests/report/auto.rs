@@ -32,8 +32,11 @@ fn settings() -> Settings {
     })
 }
 
-/// A report of three runs of each technique that end with their set-up, with images of these budgets and errors.
-fn planted(subject: &Subject<'_>, entrants: &[(Option<Technique>, &[(f64, f32)])]) -> Report {
+/// A technique or `auto`, and its images: budgets and errors.
+type Planted<'a> = (Option<Technique>, &'a [(f64, f32)]);
+
+/// A report of three runs of each entrant that end with their set-up, with these images.
+fn planted(subject: &Subject<'_>, entrants: &[Planted<'_>]) -> Report {
     let mut runs = Vec::new();
     for seed in 0..3 {
         for (technique, errors) in entrants {

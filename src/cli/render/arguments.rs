@@ -89,7 +89,7 @@ pub struct Arguments {
 }
 
 fn time_budget(text: &str) -> std::result::Result<Duration, String> {
-    Duration::try_from_secs_f64(positive(text)?).map_err(|problem| problem.to_string())
+    Duration::try_from_secs_f64(positive(text)?).map_err(|_| "it must be less than 1.8e19".into())
 }
 
 impl Arguments {

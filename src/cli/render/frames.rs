@@ -66,8 +66,15 @@ impl<'a> Sequence<'a> {
     fn announce(&self, frame: Frame) {
         match frame.seconds {
             Some(seconds) => say(format_args!("frame {} at {seconds:.3} s", frame.number)),
-            None => say(format_args!("view {} of {}", frame.number, self.views.len())),
+            // Views count from 0, as their files do.
+            None => say(format_args!("view {} of 0 to {}", frame.number, self.views.len() - 1)),
         }
+    }
+
+    /// Says that the files of a frame are there.
+    fn announce_complete(&self, frame: Frame) {
+        let what = if frame.seconds.is_some() { "frame" } else { "view" };
+        say(format_args!("{what} {} is complete", frame.number));
     }
 }
 
@@ -96,7 +103,7 @@ impl Session<'_> {
             let fingerprint = self.fingerprint_of(&subject);
             if self.files.are_complete(&fingerprint) {
                 if !arguments.quiet {
-                    say(format_args!("frame {} is complete", frame.number));
+                    sequence.announce_complete(frame);
                 }
                 continue;
             }
