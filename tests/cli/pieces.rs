@@ -86,7 +86,7 @@ fn what_pieces_cannot_be_is_refused() {
     let folder = folder();
     let output = folder.path().join("a.exr");
     for (arguments, words) in [
-        ("--samples 0..7", &["--samples is 0..7", "--spp 6"][..]),
+        ("--samples 0..7", &["--samples is 0..7", "--spp, 6"][..]),
         ("--samples 3..3", &["--samples is 3..3"]),
         ("--samples 3", &["--samples", "0..16"]),
         ("--samples 0..6 --time 1", &["--time cannot be combined with --samples"]),
