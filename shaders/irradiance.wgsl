@@ -12,8 +12,8 @@ import package::lib::packet::{no_ray, trace_closest_together, trace_occluded_tog
 import package::kit::group_index;
 import package::lib::irradiance::{IRRADIANCE_TEXELS, encode_disc};
 import package::lib::grid::{
-    COMPATIBLE_COSINE_SQUARED, FAR, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest,
-    point_ball, reach_guess, row_photons, rows_about
+    COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, point_ball,
+    reach_guess, row_photons, rows_about
 };
 @if(!(photon_map || caustics)) import package::lib::math::{PI, basis, circle_point, is_finite3};
 @if(photon_map || caustics) import package::lib::math::{
@@ -146,8 +146,8 @@ fn caustics(
     var reflected = bsdf_diffuse(visible_surface(surface, point));
     @if(specular_chains) { reflected *= surface.chain.xyz; }
     let query = photon_query(surface, point);
-    var no_walls: Walls;
-    let disc = flux_about(query.position, query.normal, reach_at(query.position, MAX_REACH_OF_POINTS), &no_walls);
+    let reach = reach_at(query.position, MAX_REACH_OF_POINTS);
+    let disc = flux_about(query.position, query.normal, reach, Walls(NO_WALL, NO_WALL));
     if disc.radius <= 0.0 && !traversal_overrun { return; }
     let radiance = reflected * disc.flux / (PI * disc.radius * disc.radius);
     radiance_indirect[i] += vec4f(checked(radiance, i), 0.0);
@@ -197,10 +197,9 @@ struct Estimate {
 // trace at the same time (lib/packet), those that are not `there` no rays.
 fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32, there: bool, lane: u32) -> Estimate {
     let reach = reach_at(position, max_reach);
-    var walls: Walls;
-    let share = covered(position, normal, select(0.0, reach * irradiance_pass.grid.cell, there), &walls, lane);
+    let share = covered(position, normal, select(0.0, reach * irradiance_pass.grid.cell, there), lane);
     var disc: Disc;
-    if there { disc = flux_about(position, normal, reach, &walls); }
+    if there { disc = flux_about(position, normal, reach, share.walls); }
     // In a gap too narrow for every probe, the area is unknown.
     var found: Estimate;
     found.disc = NO_ESTIMATE;
@@ -255,8 +254,8 @@ fn reach_at(position: vec3f, max_reach: f32) -> f32 {
     return min(reach_guess(grid, 0u, cell_of(grid, position), irradiance_pass.shrink), max_reach);
 }
 
-// Sums the photons of the disc around a position, less those that walls hide. `reach` is in cells.
-fn flux_about(position: vec3f, normal: vec3f, reach: f32, walls: ptr<function, Walls>) -> Disc {
+// Sums the photons of the disc around a position, less those behind walls. `reach` is in cells.
+fn flux_about(position: vec3f, normal: vec3f, reach: f32, walls: Walls) -> Disc {
     let grid = irradiance_pass.grid;
     let at = (position - grid.origin) * grid.inverse_cell;
     let radius = reach * grid.cell;
@@ -276,10 +275,9 @@ fn flux_about(position: vec3f, normal: vec3f, reach: f32, walls: ptr<function, W
             }
             for (var p = row.x; p < row.y; p++) {
                 let photon = load_photon(p);
-                var counts = counted_distance(photon, position, normal) <= limit;
-                @if(!negative_photons) {
-                    if counts { counts = !is_hidden(bitcast<vec3f>(photon.xyz) - position, walls); }
-                }
+                let v = bitcast<vec3f>(photon.xyz) - position;
+                let is_hidden = is_behind(walls.first, v) || is_behind(walls.second, v);
+                let counts = !is_hidden && counted_distance(photon, position, normal) <= limit;
                 let flux = select(vec3i(0), flux_of(photon.w), counts);
                 sum += flux;
                 @if(caustic_irradiance) { caustic += select(vec3i(0), flux, photon_is_caustic(photon.w)); }
@@ -297,45 +295,26 @@ fn flux_about(position: vec3f, normal: vec3f, reach: f32, walls: ptr<function, W
 // whatever rounding does.
 const BEHIND = 1e-3;
 
-// What has stopped the probes of a disc (`covered`) on their way from its centre. Positions are relative to the centre.
+// The walls that hide a part of a disc from its centre: of the positions v behind a wall, relative to the centre,
+// dot(xyz, v) is less than w. `NO_WALL` has none. A disc in a corner has two.
 struct Walls {
-    // A bit for each probe that a wall has stopped.
-    stopped: u32,
-    // Where the probes were sent, on the disc.
-    targets: array<vec3f, PROBES>,
-    // The plane of the wall that has stopped a probe: of the positions v behind it, dot(xyz, v) is less than w.
-    planes: array<vec4f, PROBES>,
+    first: vec4f,
+    second: vec4f,
 }
 
-fn is_stopped(walls: ptr<function, Walls>, probe: u32) -> bool { return ((walls.stopped >> probe) & 1u) != 0u; }
+const NO_WALL = vec4f(0.0, 0.0, 0.0, -1.0);
 
-fn is_behind(walls: ptr<function, Walls>, probe: u32, at: vec3f) -> bool {
-    let plane = walls.planes[probe];
-    return dot(plane.xyz, at) < plane.w;
-}
+// Planes whose numbers differ by less are one plane. Positions are up to 1 and rounded.
+const SAME_PLANE = 1e-5;
 
-// Whether a wall hides a photon of the disc from its centre. `covered` does not count the surface there, so that the
-// light of a bright room would leak into a dark one through a thin wall. The photon is behind the wall that has stopped
-// the probe of the nearest direction, and no probe of a nearer direction has passed that wall's plane.
-@if(!negative_photons)
-fn is_hidden(at: vec3f, walls: ptr<function, Walls>) -> bool {
-    if walls.stopped == 0u { return false; }
-    var wall = 0u;
-    var most = -FAR;
-    for (var j = 0u; j < PROBES; j++) {
-        let along = dot(at, normalize(walls.targets[j]));
-        if is_stopped(walls, j) && along > most {
-            wall = j;
-            most = along;
-        }
-    }
-    var hidden = is_behind(walls, wall, at);
-    for (var j = 0u; j < PROBES && hidden; j++) {
-        let other = walls.targets[j];
-        let nearer = dot(at, normalize(other)) > most;
-        hidden = !(nearer && is_behind(walls, wall, other));
-    }
-    return hidden;
+fn is_behind(wall: vec4f, at: vec3f) -> bool { return dot(wall.xyz, at) < wall.w; }
+
+// Adds the plane of a wall that has stopped a probe. A third is left out.
+fn with_wall(walls: Walls, plane: vec4f) -> Walls {
+    if all(walls.first == NO_WALL) { return Walls(plane, NO_WALL); }
+    let is_known = all(abs(walls.first - plane) < vec4f(SAME_PLANE));
+    if is_known || any(walls.second != NO_WALL) { return walls; }
+    return Walls(walls.first, plane);
 }
 
 struct Covered {
@@ -343,6 +322,10 @@ struct Covered {
     area: f32,
     // Distance from the position, in radii, within which the probes found no edge, wall or gap.
     clear: f32,
+    // The walls that hide a part of it. `area` does not count what is behind them, so that the light of a bright room
+    // would leak into a dark one through a thin wall. Where a probe has passed a wall's plane, the wall has an end,
+    // and is not among them. With negative photons there are none: `hidden` counts what is behind walls.
+    walls: Walls,
     // Area within the ellipsoid that is hidden from the position, over that of the disc.
     @if(negative_photons) hidden: f32,
 }
@@ -351,12 +334,20 @@ struct Covered {
 // one probe.
 const MAX_CLEAR = 0.8;
 
+// The part of the disc's area that is nearer to its centre than a probe.
+fn part_of_disc(probe: u32) -> f32 { return (f32(probe) + 0.5) / f32(PROBES); }
+
+// Where a probe is sent on the disc: a golden-angle spiral, with equal areas.
+fn probe_on_disc(probe: u32, radius: f32, rotation: f32) -> vec3f {
+    return vec3f(radius * sqrt(part_of_disc(probe)) * circle_point(rotation + f32(probe) * 0.61803399), 0.0);
+}
+
 // Measures how much of a disc is surface: the area within the search ellipsoid that is visible from the position, over
 // the area of the disc. At edges and in corners, photons lie on only a part of the disc, and dividing by the whole disc
 // makes the estimate too dark (boundary bias; Hey and Purgathofer 2002 also correct it by the geometry). Each probe
 // traces from the position to a point above its sample of the disc, and from there down to the surface. A disc without
 // a radius has no probes.
-fn covered(position: vec3f, normal: vec3f, radius: f32, walls: ptr<function, Walls>, lane: u32) -> Covered {
+fn covered(position: vec3f, normal: vec3f, radius: f32, lane: u32) -> Covered {
     let frame = basis(normal);
     let origin = offset_origin(position, normal);
     let bits = bitcast<vec3u>(position);
@@ -365,33 +356,32 @@ fn covered(position: vec3f, normal: vec3f, radius: f32, walls: ptr<function, Wal
     let height = radius * inverseSqrt(1.0 + NORMAL_STRETCH);
     var found = 0u;
     var slant = 0.0;
+    var walls = Walls(NO_WALL, NO_WALL);
+    // A bit for each probe that a wall has stopped.
+    var stopped = 0u;
     @if(negative_photons) var hidden = 0.0;
     for (var j = 0u; j < PROBES; j++) {
-        // Golden-angle spiral, with equal areas.
-        let part = (f32(j) + 0.5) / f32(PROBES);
-        let distance = radius * sqrt(part);
-        let across = frame * vec3f(distance * circle_point(rotation + f32(j) * 0.61803399), 0.0);
+        let across = frame * probe_on_disc(j, radius, rotation);
         let above = position + across + height * normal;
         var to_above = no_ray();
         var down = no_ray();
         if radius > 0.0 {
             to_above = Ray(origin, 0.0, above - origin, 1.0);
             // Half the height of the ellipsoid above this sample of the disc.
-            let reach = height * sqrt(1.0 - part);
+            let reach = height * sqrt(1.0 - part_of_disc(j));
             down = Ray(above, height - reach, -normal, height + reach);
         }
         let sample = RaySample(hash1(bits.x + j), 0u);
         @if(negative_photons) let blocked = trace_occluded_together(to_above, sample, lane);
         @if(!negative_photons) {
-            walls.targets[j] = across;
             let wall = trace_closest_together(to_above, sample, lane);
             if wall.triangle != NO_HIT {
                 down = no_ray();
                 let facing = normalize(hit_normal(wall));
                 let towards = select(facing, -facing, dot(facing, to_above.direction) > 0.0);
                 let at = origin - position + wall.t * to_above.direction;
-                walls.planes[j] = vec4f(towards, dot(towards, at) - BEHIND * radius);
-                walls.stopped |= 1u << j;
+                walls = with_wall(walls, vec4f(towards, dot(towards, at) - BEHIND * radius));
+                stopped |= 1u << j;
             }
         }
         let hit = trace_closest_together(down, sample, lane);
@@ -406,6 +396,13 @@ fn covered(position: vec3f, normal: vec3f, radius: f32, walls: ptr<function, Wal
             slant += 1.0 / cosine;
         }
     }
+    for (var j = 0u; j < PROBES; j++) {
+        let across = frame * probe_on_disc(j, radius, rotation);
+        if ((stopped >> j) & 1u) == 0u {
+            if is_behind(walls.first, across) { walls.first = NO_WALL; }
+            if is_behind(walls.second, across) { walls.second = NO_WALL; }
+        }
+    }
     if found == 0u { return Covered(); }
     // A straight edge at a distance of x radii cuts off at most 0.5 (1 - x)^1.6 of the disc; several edges together cut
     // off more. One extra probe counts as missing, for edges between the probes.
@@ -413,8 +410,8 @@ fn covered(position: vec3f, normal: vec3f, radius: f32, walls: ptr<function, Wal
     let clear = select(max(1.0 - pow(2.0 * missing, 0.63), 0.0), MAX_CLEAR, found == PROBES);
     // (n + 1) / (found + 1) is an unbiased estimate of 1 over the share; n / found is not.
     let area = slant / f32(found) * (f32(found + 1u) / f32(PROBES + 1u));
-    @if(negative_photons) { return Covered(area, clear, hidden / f32(PROBES)); }
-    @else { return Covered(area, clear); }
+    @if(negative_photons) { return Covered(area, clear, walls, hidden / f32(PROBES)); }
+    @else { return Covered(area, clear, walls); }
 }
 
 // The area of the hidden surfaces that a probe hits, over the area of the probe: the surfaces behind the visible one,

@@ -253,25 +253,35 @@ struct Probes {
 }
 
 impl Probes {
-    /// Whether a wall hides a photon at `v` from the disc's centre: that of the stopped probe whose direction is
-    /// nearest. It does not if a probe of a nearer direction has passed the wall's plane. `None` if rounding decides.
-    fn hide(&self, v: DVec3) -> Option<bool> {
-        let along = |target: DVec3| v.dot(target.normalize());
-        let stopped = self.sent.iter().filter_map(|(target, wall)| wall.map(|wall| (along(*target), wall)));
-        let mut stopped: Vec<_> = stopped.collect();
-        stopped.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let Some((most, (normal, least))) = stopped.first() else { return Some(false) };
-        // Positions are within 1e-6.
-        let is_tie = stopped.get(1).is_some_and(|(second, _)| most - second < 4e-6);
-        let excess = |v: DVec3| normal.dot(v) - least;
-        let passed = self.sent.iter().filter(|(_, wall)| wall.is_none()).map(|(target, _)| *target);
-        // Only probes that rounding may let pass or be nearer.
-        let passed: Vec<_> = passed.filter(|t| along(*t) > most - 4e-6 && excess(*t) < 4e-6).collect();
-        let is_certain = |t: &DVec3| along(*t) > most + 4e-6 && excess(*t) < -4e-6;
-        if excess(v).abs() < 4e-6 || (excess(v) < 0.0 && (is_tie || !passed.iter().all(is_certain))) {
-            return None;
+    /// The walls that hide a part of the disc: the planes of the first stopped probe, and of the first with another.
+    fn walls(&self) -> Vec<(DVec3, f64)> {
+        let mut walls: Vec<(DVec3, f64)> = Vec::new();
+        for (normal, least) in self.sent.iter().filter_map(|(_, wall)| *wall) {
+            let is_known = |(n, w): &(DVec3, f64)| (*n - normal).abs().max_element().max((w - least).abs()) < 1e-5;
+            if walls.len() < 2 && !walls.iter().any(is_known) {
+                walls.push((normal, least));
+            }
         }
-        Some(excess(v) < 0.0 && passed.is_empty())
+        walls
+    }
+
+    /// Whether a wall hides a photon at `v` from the disc's centre; `None` if rounding decides. A wall whose plane a
+    /// probe has passed has an end, and hides nothing.
+    fn hide(&self, v: DVec3) -> Option<bool> {
+        // Positions are within 1e-6.
+        let is_behind = |(normal, least): &(DVec3, f64), v: DVec3| {
+            let excess = normal.dot(v) - least;
+            (excess.abs() > 4e-6).then_some(excess < 0.0)
+        };
+        let mut hidden = false;
+        for wall in self.walls() {
+            let mut passed = false;
+            for (target, _) in self.sent.iter().filter(|(_, stopped)| stopped.is_none()) {
+                passed |= is_behind(&wall, *target)?;
+            }
+            hidden |= is_behind(&wall, v)? && !passed;
+        }
+        Some(hidden)
     }
 }
 
