@@ -322,9 +322,9 @@ struct Covered {
     area: f32,
     // Distance from the position, in radii, within which the probes found no edge, wall or gap.
     clear: f32,
-    // The walls that hide a part of it. `area` does not count what is behind them, so that the light of a bright room
-    // would leak into a dark one through a thin wall. Where a probe has passed a wall's plane, the wall has an end,
-    // and is not among them. With negative photons there are none: `hidden` counts what is behind walls.
+    // The walls that hide a part of it. `area` leaves out what is behind them, so photons there must not count either:
+    // the light of a bright room would leak into a dark one through a thin wall. With negative photons there are none:
+    // `hidden` counts what is behind walls.
     walls: Walls,
     // Area within the ellipsoid that is hidden from the position, over that of the disc.
     @if(negative_photons) hidden: f32,
@@ -358,7 +358,7 @@ fn covered(position: vec3f, normal: vec3f, radius: f32, lane: u32) -> Covered {
     var slant = 0.0;
     var walls = Walls(NO_WALL, NO_WALL);
     // A bit for each probe that a wall has stopped.
-    var stopped = 0u;
+    @if(!negative_photons) var stopped = 0u;
     @if(negative_photons) var hidden = 0.0;
     for (var j = 0u; j < PROBES; j++) {
         let across = frame * probe_on_disc(j, radius, rotation);
@@ -396,6 +396,8 @@ fn covered(position: vec3f, normal: vec3f, radius: f32, lane: u32) -> Covered {
             slant += 1.0 / cosine;
         }
     }
+    // A wall whose plane a probe has passed has an end, beyond which the position sees photons.
+    @if(!negative_photons)
     for (var j = 0u; j < PROBES; j++) {
         let across = frame * probe_on_disc(j, radius, rotation);
         if ((stopped >> j) & 1u) == 0u {
