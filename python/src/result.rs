@@ -81,7 +81,7 @@ impl RenderResult {
     }
 
     /// The other channels by name, float32 arrays (height, width, 3) or (height, width): the AOVs, and with a denoiser
-    /// "denoised" and "error".
+    /// "denoised", "error" and "relative_error".
     #[getter]
     fn aovs(&self, py: Python<'_>) -> PyResult<Py<PyDict>> {
         let make = || arrays::layers(py, &self.rendered).map(Bound::unbind);

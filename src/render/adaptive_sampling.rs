@@ -9,7 +9,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, PixelErrors};
-use super::denoise::{Colour, Denoiser, RELMSE_FLOOR};
+use super::denoise::{Colour, Denoiser, relative};
 use super::renderer::Renderer;
 use super::tiles::first_half;
 use crate::Result;
@@ -80,7 +80,7 @@ impl Renderer<'_> {
             && let Some(denoised) = denoiser.denoise(self.gpu, &self.noisy()?)?
             && let Some(error) = denoised.error
         {
-            let pixel = |(colour, error): (_, &f32)| relative(colour, |_| f64::from(*error).powi(2));
+            let pixel = |(colour, error): (_, &Colour)| relative(colour, |c| f64::from(error[c]).powi(2));
             return Ok(denoised.colour.iter().zip(&error).map(pixel).collect());
         }
         self.raw_errors()
@@ -176,11 +176,6 @@ impl Renderer<'_> {
         let part = self.settings.image.part();
         (0..part.width as usize * part.height as usize).map(|pixel| self.samples_of(pixel))
     }
-}
-
-/// The mean of the relative squares of the channels of a pixel that looks like `colour`.
-fn relative(colour: &Colour, square: impl Fn(usize) -> f64) -> f64 {
-    (0..3).map(|c| square(c) / (f64::from(colour[c]).powi(2) + RELMSE_FLOOR)).sum::<f64>() / 3.0
 }
 
 /// The colours of a pixel by all of its samples and by two halves, from the states of the planes of each part of the

@@ -45,11 +45,11 @@ pub(super) struct Header {
     pub left: u32,
 }
 
-/// [`Growth`](super::growth::Growth) without its means, which are words of the checkpoint.
+/// [`Growth`](super::growth::Growth) without the values of its pixels, which are words of the checkpoint.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct GrowthHeader {
     pub samples: u32,
-    pub error: Option<f64>,
+    pub has_errors: bool,
 }
 
 /// The state that samples left, from which a render continues on any device.

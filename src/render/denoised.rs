@@ -9,8 +9,9 @@ use crate::{Error, Image, Result};
 
 impl Renderer<'_> {
     /// As [`Renderer::image`], with the channels `denoised.R`, `denoised.G` and `denoised.B` of the image without
-    /// noise, and `error`, their estimated standard error: the root of the mean square over the three. There is no
-    /// `error` after a single sample. Without denoisers it is the same as [`Renderer::image`].
+    /// noise; `error`, their estimated standard error (the root of the mean square over the three); and
+    /// `relative_error`, the root of the estimated relMSE. There are no errors after a single sample. Without denoisers
+    /// it is the same as [`Renderer::image`].
     ///
     /// # Errors
     /// As [`Renderer::image`]; [`Error::Setting`] if the render keeps nothing for denoisers, because

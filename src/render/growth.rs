@@ -17,11 +17,17 @@ pub(super) struct Growth {
     pub samples: u32,
     /// Mean light of each pixel, and of its channels.
     pub means: Vec<f32>,
-    /// relMSE due to the limited number of gather rays; `None` before any were added.
-    pub error: Option<f64>,
+    /// relMSE of each pixel due to the limited number of gather rays, by [`errors_of_rays`]; `None` before any were
+    /// added.
+    pub errors: Option<Vec<f32>>,
 }
 
 impl Growth {
+    /// relMSE of the image due to the limited number of gather rays.
+    pub fn error(&self) -> Option<f64> {
+        self.errors.as_deref().map(mean_error)
+    }
+
     /// Whether it is time to decide again, with `samples` samples of each pixel: an estimate needs twice as many.
     pub fn is_due(&self, samples: u32) -> bool {
         samples >= 2 * self.samples
@@ -36,11 +42,17 @@ impl Growth {
     }
 }
 
-/// The relMSE due to gather rays after their number rose by `factor`, which changed the means by `changes`. The squared
-/// error of filtered records falls in inverse proportion to the rays (docs/decisions.md, "Filtered records"), so
-/// doubling them removes as much error as it leaves.
-pub(super) fn error_of_rays(changes: impl Iterator<Item = (f32, f32)>, factor: f64) -> f64 {
-    mean(changes.map(|(change, mean)| relative_square(change, mean))) / (factor - 1.0)
+/// The relMSE of each pixel due to gather rays after their number rose by `factor`, which changed the `means` by
+/// `changes`. The squared error of filtered records falls in inverse proportion to the rays (docs/decisions.md,
+/// "Filtered records"), so doubling them removes as much error as it leaves.
+pub(super) fn errors_of_rays(changes: &[f32], means: &[f32], factor: f64) -> Vec<f32> {
+    let error = |(change, mean): (&f32, &f32)| (relative_square(*change, *mean) / (factor - 1.0)) as f32;
+    changes.iter().zip(means).map(error).collect()
+}
+
+/// The mean of the pixels' errors.
+pub(super) fn mean_error(errors: &[f32]) -> f64 {
+    mean(errors.iter().copied().map(f64::from))
 }
 
 /// Whether `factor` times as many gather rays reduce the error by more than further samples do. The errors e of gather
@@ -78,7 +90,7 @@ mod tests {
             let sums: Vec<[f64; 2]> = (0..20_000).map(|_| [sum(fewer), sum(samples - fewer)]).collect();
             let before = sums.iter().map(|[a, _]| (a / f64::from(fewer)) as f32).collect();
             let now: Vec<f32> = sums.iter().map(|[a, b]| ((a + b) / f64::from(samples)) as f32).collect();
-            let growth = Growth { samples: fewer, means: before, error: None };
+            let growth = Growth { samples: fewer, means: before, errors: None };
             let expected = AVOIDANCE / 12.0 / 16.0 / f64::from(samples);
             let found = growth.noise(&now, samples) / expected;
             // Squares of 20,000 pixels: a standard error of 1 %.
@@ -90,8 +102,8 @@ mod tests {
     /// A change by an infinite amount counts as one wrong pixel of four.
     #[test]
     fn a_firefly_is_one_pixel() {
-        let changes = [(f32::INFINITY, 1.0), (0.0, 1.0), (0.0, 0.0), (0.0, 5.0)];
-        assert!((error_of_rays(changes.into_iter(), 2.0) - 0.25).abs() < 1e-12);
+        let errors = errors_of_rays(&[f32::INFINITY, 0.0, 0.0, 0.0], &[1.0, 1.0, 0.0, 5.0], 2.0);
+        assert_eq!((errors.as_slice(), mean_error(&errors)), ([1.0, 0.0, 0.0, 0.0].as_slice(), 0.25));
     }
 
     /// If a mean is taken over more numbers, the change predicts the squared error that is left.
@@ -101,7 +113,8 @@ mod tests {
             // The variance of the mean of all, and that of the difference, for numbers of variance 1.
             let (left, change) = (1.0 / f64::from(all), 1.0 / f64::from(fewer) - 1.0 / f64::from(all));
             // The change of a bright pixel, of which the floor is a small part.
-            let found = error_of_rays([(change.sqrt() as f32, 100.0)].into_iter(), f64::from(all) / f64::from(fewer));
+            let errors = errors_of_rays(&[change.sqrt() as f32], &[100.0], f64::from(all) / f64::from(fewer));
+            let found = mean_error(&errors);
             assert!((found * 1e4 / left - 1.0).abs() < 1e-5, "{fewer} of {all}: {found}, not {left}");
         }
     }

@@ -6,7 +6,8 @@ use kernel_kit::Gpu;
 use rayon::prelude::*;
 
 use super::denoise::chance::{Seen, settled};
-use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
+use super::denoise::mixture::Distribution;
+use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part, RELMSE_FLOOR, relative};
 use super::picture::{Quantity, Sums, behind, colour_of, means};
 use super::tiles::first_half;
 use crate::passes::film::{Sum, variance_of_mean};
@@ -28,26 +29,47 @@ pub(super) fn add_denoised(
     }
     let Some(denoised) = denoiser.denoise(gpu, &noisy)? else { return Ok(()) };
     let (mut colours, mut errors) = (denoised.colour, denoised.error);
+    if let (Some(errors), Some(shared)) = (&mut errors, sums.shared_errors()) {
+        add_shared(errors, &colours, shared, &noisy);
+    }
     if let Some(background) = colour_of(background) {
         let means = means(sums, Quantity::Direct)?.unwrap_or_default();
         for (colour, mean) in colours.iter_mut().zip(&means) {
             let behind = behind(background, mean);
             *colour = [0, 1, 2].map(|c| colour[c] + behind[c] as f32);
         }
-        let mean_square = background.length_squared() / 3.0;
         if let Some(errors) = &mut errors {
             for (error, variance) in errors.iter_mut().zip(coverage_variances(sums, &means)?) {
-                *error = (f64::from(*error).powi(2) + mean_square * variance).sqrt() as f32;
+                *error = [0, 1, 2].map(|c| f64::from(error[c]).hypot(background[c] * variance.sqrt()) as f32);
             }
         }
+    }
+    if let Some(errors) = errors {
+        push_errors(image, &colours, &errors);
     }
     for (c, name) in ["denoised.R", "denoised.G", "denoised.B"].into_iter().enumerate() {
         image.add_channel(name, colours.iter().map(|colour| colour[c]).collect());
     }
-    if let Some(error) = errors {
-        image.add_channel("error", error);
-    }
     Ok(())
+}
+
+/// Adds errors that all samples share, which their halves do not show, to the estimated `errors`: the relMSE `shared`
+/// of the pixels, as a mean over regions. No denoiser removes them.
+fn add_shared(errors: &mut [Colour], colours: &[Colour], shared: &[f32], noisy: &Noisy) {
+    let shared = Distribution::new(&shared.iter().copied().map(f64::from).collect::<Vec<_>>(), noisy.size).values;
+    for (i, error) in errors.iter_mut().enumerate().filter(|(i, _)| !noisy.is_clean[*i]) {
+        let square = |c: usize| shared[i] * (f64::from(colours[i][c]).powi(2) + RELMSE_FLOOR);
+        *error = [0, 1, 2].map(|c| f64::from(error[c]).hypot(square(c).sqrt()) as f32);
+    }
+}
+
+/// Adds the channels of the estimated errors of a denoised image, which looks like `colours`.
+fn push_errors(image: &mut Image, colours: &[Colour], errors: &[Colour]) {
+    let square = |error: &Colour, c: usize| f64::from(error[c]).powi(2);
+    let mean_square = |error| (0..3).map(|c| square(error, c)).sum::<f64>() / 3.0;
+    image.add_channel("error", errors.iter().map(|error| mean_square(error).sqrt() as f32).collect());
+    let pixel = |(colour, error): (&Colour, _)| relative(colour, |c| square(error, c)).sqrt() as f32;
+    image.add_channel("relative_error", colours.iter().zip(errors).map(pixel).collect());
 }
 
 /// The input of denoisers for an image of `size`.

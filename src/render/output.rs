@@ -137,6 +137,10 @@ impl Sums for Film<'_> {
         self.renderer.samples_of(pixel)
     }
 
+    fn shared_errors(&self) -> Option<&[f32]> {
+        self.renderer.sampling.growth.as_ref()?.errors.as_deref()
+    }
+
     fn push_class_channels(&self, channels: &mut Vec<Channel>) -> Result<()> {
         self.push_classes(channels)
     }

@@ -82,6 +82,9 @@ pub(super) trait Sums {
     /// The number of samples of a pixel.
     fn samples_of(&self, pixel: usize) -> u32;
 
+    /// The relMSE of each pixel that all samples share, as far as it is estimated: that due to gather rays.
+    fn shared_errors(&self) -> Option<&[f32]>;
+
     /// Adds the channels of the AOV `shadow`.
     fn push_class_channels(&self, channels: &mut Vec<Channel>) -> Result<()>;
 }

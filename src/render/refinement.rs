@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use glam::{DVec3, DVec4};
 
-use super::growth::{AVOIDANCE, Growth, error_of_rays, wants_rays};
+use super::growth::{AVOIDANCE, Growth, errors_of_rays, mean_error, wants_rays};
 use super::renderer::Renderer;
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
@@ -98,19 +98,21 @@ impl Renderer<'_> {
     fn grow(&mut self, fits: &mut dyn FnMut(&Self, Step) -> bool) -> Result<()> {
         let is_early = self.sampling.growth.as_ref().is_some_and(|growth| !growth.is_due(self.sampling.samples));
         // If nothing fits even without noise, the decision waits: later there may be more time.
-        let fits_if_no_noise = |growth: &Growth| self.next_that_fits(fits, growth.error, 0.0).is_some();
+        let fits_if_no_noise = |growth: &Growth| self.next_that_fits(fits, growth.error(), 0.0).is_some();
         if self.view.stage == LAST_STAGE || is_early || !self.sampling.growth.as_ref().is_none_or(fits_if_no_noise) {
             return Ok(());
         }
         let mut means = self.pixel_means()?;
-        let (mut error, first) = (None, self.view.stage);
+        let (mut errors, first) = (None, self.view.stage);
         if let Some(growth) = self.sampling.growth.take() {
             let noise = match self.noise_of_samples()? {
                 Some(noise) => AVOIDANCE * noise,
                 None => growth.noise(&means, self.sampling.samples),
             };
-            error = growth.error;
-            while let Some(stage) = self.next_that_fits(fits, error, noise) {
+            errors = growth.errors;
+            loop {
+                let error = errors.as_deref().map(mean_error);
+                let Some(stage) = self.next_that_fits(fits, error, noise) else { break };
                 let factor = self.factor_to(stage);
                 // Only rays of samples count: the photons may have been traced for another view.
                 let Rays { gather, camera, shadow, audit, bounce, .. } = self.totals.rays();
@@ -119,13 +121,13 @@ impl Renderer<'_> {
                     break;
                 }
                 let changes = self.go_on(stage)?;
-                error = Some(error_of_rays(changes.iter().copied().zip(means.iter().copied()), factor));
+                errors = Some(errors_of_rays(&changes, &means, factor));
             }
         }
         if self.view.stage > first {
             means = self.pixel_means()?;
         }
-        self.sampling.growth = Some(Growth { samples: self.sampling.samples, means, error });
+        self.sampling.growth = Some(Growth { samples: self.sampling.samples, means, errors });
         Ok(())
     }
 

@@ -40,7 +40,9 @@ impl Renderer<'_> {
                 }
             }
         }
-        words.extend(self.sampling.growth.iter().flat_map(|growth| &growth.means).map(|mean| mean.to_bits()));
+        if let Some(Growth { means, errors, .. }) = &self.sampling.growth {
+            words.extend(means.iter().chain(errors.iter().flatten()).map(|value| value.to_bits()));
+        }
         let map = self.view.lighting.map_state(self.gpu)?;
         words.extend(map.words());
         let header = Header {
@@ -52,7 +54,7 @@ impl Renderer<'_> {
                 .sampling
                 .growth
                 .as_ref()
-                .map(|Growth { samples, error, .. }| GrowthHeader { samples: *samples, error: *error }),
+                .map(|Growth { samples, errors, .. }| GrowthHeader { samples: *samples, has_errors: errors.is_some() }),
             blocks: self.sampling.blocks.clone(),
             batches: self.sampling.batches,
             shade_at_once: self.sampling.shade_at_once,
@@ -114,11 +116,14 @@ impl Renderer<'_> {
             rest = others;
         }
         let growth = match header.growth {
-            Some(GrowthHeader { samples, error }) => {
+            Some(GrowthHeader { samples, has_errors }) => {
                 let pixels = self.settings.image.part().width as usize * self.settings.image.part().height as usize;
-                let (means, others) = rest.split_at_checked(pixels).ok_or_else(damaged)?;
-                rest = others;
-                Some(Growth { samples, means: means.iter().copied().map(f32::from_bits).collect(), error })
+                let mut values = || -> Result<Vec<f32>> {
+                    let (values, others) = rest.split_at_checked(pixels).ok_or_else(damaged)?;
+                    rest = others;
+                    Ok(values.iter().copied().map(f32::from_bits).collect())
+                };
+                Some(Growth { samples, means: values()?, errors: has_errors.then(values).transpose()? })
             }
             None => None,
         };

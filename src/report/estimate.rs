@@ -1,19 +1,10 @@
-//! The expected error of an image, estimated without a reference.
+//! The error of a denoised image as its own channels state it, without a reference.
 
-use super::metrics::RELMSE_FLOOR;
-use crate::render::film::Image;
+use crate::Image;
 
-/// The expected relMSE of the denoised image, by its channel `error`. `None` without it.
+/// The relMSE of the denoised channels of [`Renderer::denoised_image`](crate::Renderer::denoised_image) according to
+/// `relative_error`; `None` without these.
 pub fn denoised_relmse(image: &Image) -> Option<f64> {
-    let error = image.channel("error")?;
-    let mut sum = 0.0;
-    for name in ["denoised.R", "denoised.G", "denoised.B"] {
-        sum += relative(image.channel(name)?, error.iter().map(|error| f64::from(*error).powi(2)));
-    }
-    Some(sum / (3 * image.pixels()) as f64)
-}
-
-/// The sum of squared errors over the squares of a channel, as relMSE has them.
-fn relative(channel: &[f32], squares: impl Iterator<Item = f64>) -> f64 {
-    channel.iter().zip(squares).map(|(x, square)| square / (f64::from(*x).powi(2) + RELMSE_FLOOR)).sum()
+    let errors = image.channel("relative_error")?;
+    Some(errors.iter().map(|error| f64::from(*error).powi(2)).sum::<f64>() / image.pixels() as f64)
 }

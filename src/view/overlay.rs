@@ -136,9 +136,6 @@ const PHOTON_DEPTH: f64 = 0.02;
 /// Relative errors that are shown black and white, as powers of ten.
 const ERROR_DECADES: [f32; 2] = [-3.0, 0.0];
 
-/// Added to the brightness that errors are compared with, so that black is not infinitely wrong.
-const ERROR_FLOOR: f32 = 0.01;
-
 /// The darkest of the shades that distinguish cells of a class, and the shade of cell edges and of cells of the map.
 const DARKEST_CELL: f32 = 0.7;
 const CELL_EDGE: f32 = 0.5;
@@ -190,13 +187,10 @@ pub fn pixels(image: &Image, display: &Display, seen: Seen<'_>) -> Vec<u8> {
             let max = samples.iter().copied().fold(1.0, f32::max);
             grey(samples.iter().map(|n| n / max))
         }),
-        Overlay::Error => channel("error").zip(denoised_rgb(image)).map(|(errors, rgb)| {
+        Overlay::Error => channel("relative_error").map(|errors| {
             let [black, white] = ERROR_DECADES;
-            let share = |(i, error): (usize, &f32)| {
-                let brightness = rgb.map(|c| c[i]).iter().sum::<f32>() / 3.0;
-                ((error / (brightness + ERROR_FLOOR)).log10() - black) / (white - black)
-            };
-            errors.iter().enumerate().map(share).flat_map(heat).collect()
+            let share = |error: &f32| (error.log10() - black) / (white - black);
+            errors.iter().map(share).flat_map(heat).collect()
         }),
         Overlay::Albedo => colour_channels(image, ["albedo.R", "albedo.G", "albedo.B"], |x| x, View::Standard),
         Overlay::Normal => colour_channels(image, ["N.X", "N.Y", "N.Z"], |x| 0.5 * x + 0.5, View::Raw),
@@ -234,10 +228,6 @@ fn cell_colour(cells: &[ShownCell], pixel: usize, width: usize) -> [u8; 3] {
 fn picture(image: &Image, display: &Display) -> Option<Vec<u8>> {
     let denoised = image.denoised().filter(|_| display.denoised);
     denoised.as_ref().unwrap_or(image).display(display.view, display.exposure).ok()
-}
-
-fn denoised_rgb(image: &Image) -> Option<[&[f32]; 3]> {
-    Some([image.channel("denoised.R")?, image.channel("denoised.G")?, image.channel("denoised.B")?])
 }
 
 /// The classes of a light, by its index.
@@ -357,7 +347,7 @@ mod tests {
             ("denoised.R", [0.09, 0.99]),
             ("denoised.G", [0.09, 0.99]),
             ("denoised.B", [0.09, 0.99]),
-            ("error", [0.0001, 1.0]),
+            ("relative_error", [0.001, 1.0]),
             ("samples", [2.0, 8.0]),
             ("N.X", [1.0, -1.0]),
             ("N.Y", [0.0, 0.0]),

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use glam::{DVec3, Vec4};
-use penumbra::internal::scene::{Material, Panorama};
+use penumbra::internal::scene::{ImportOptions, Material, Panorama};
 use penumbra::settings::{Background, Denoise};
 use penumbra::{Aov, Denoiser, Image, Renderer, Scene, Settings, Technique};
 
 use crate::meshes::{camera, panorama, scene, sphere, square, surface};
-use crate::setup::gpu;
+use crate::setup::{gpu, scene_file};
 
 const SIDE: u32 = 48;
 
@@ -91,4 +91,46 @@ fn the_error_of_a_silhouette_includes_the_background() {
     let [stated, found] = errors(grey, Background::Colour([3.0; 3]), |coverage| coverage > 0.02 && coverage < 0.98);
     println!("stated {stated}, found {found}");
     assert!((0.65..1.6).contains(&(stated / found)), "{stated} for {found}");
+}
+
+/// Samples share irradiance records, so their halves do not show the records' error: on the walls of the box, far from
+/// its lamp, there is hardly any other.
+#[test]
+fn the_error_of_irradiance_records_is_stated() {
+    let of = |spp, seed| {
+        settings(spp, seed).with(|s| {
+            s.technique = Technique::TWO_PASS;
+            (s.image.width, s.image.height) = (64, 64);
+        })
+    };
+    let render = |settings: &Settings| {
+        let scene = Scene::load(scene_file("box.glb"), &ImportOptions::default()).unwrap();
+        let camera = scene.cameras[0].clone();
+        let mut renderer = Renderer::new(gpu(), scene, &camera, settings).unwrap();
+        while renderer.samples() < settings.image.spp {
+            renderer.render_batch().unwrap();
+        }
+        renderer.denoised_image(&Denoiser::new(Denoise::Statistical, None).unwrap()).unwrap()
+    };
+    let reference = render(&of(512, 100));
+    let wall = || (20..40).flat_map(|y| (4..14).map(move |x| y * 64 + x));
+    let (mut stated, mut found) = (0.0, 0.0);
+    for seed in 0..4 {
+        let image = render(&of(16, seed));
+        for i in wall() {
+            stated += f64::from(image.channel("relative_error").unwrap()[i]).powi(2);
+            found += ["R", "G", "B"]
+                .map(|name| {
+                    let (x, r) =
+                        (image.channel(&format!("denoised.{name}")).unwrap()[i], reference.channel(name).unwrap()[i]);
+                    f64::from(x - r).powi(2) / (f64::from(r).powi(2) + 0.01)
+                })
+                .iter()
+                .sum::<f64>()
+                / 3.0;
+        }
+    }
+    let ratio = (stated / found).sqrt();
+    println!("{ratio} of {}", (found / 800.0).sqrt());
+    assert!((0.6..1.7).contains(&ratio), "{ratio}");
 }

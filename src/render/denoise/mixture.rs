@@ -16,6 +16,10 @@ use super::{Colour, Filtered, RELMSE_FLOOR};
 /// ones estimate them better: with two samples, the estimate for a small region is mostly noise.
 const RADIUS: usize = 10;
 
+/// Radius in pixels of each of the two box filters that average over a pixel's immediate neighbourhood, which tells how
+/// the error of a region is distributed. Two of 1 pixel cover 5 x 5 pixels. Fewer have too few squared differences.
+const NEAR: usize = 1;
+
 /// The weights found are right for halves. From a half to all samples the raw image gains more than filters do: the
 /// squared error of n stratified samples falls as n^-1.5, to 0.35, that of filters to about 0.7. So the odds of filters
 /// against the raw image fall to this part.
@@ -54,8 +58,8 @@ pub struct Candidate<'a> {
 pub struct Mixed {
     /// The image.
     pub colour: Vec<Colour>,
-    /// The estimated standard error of each pixel: the root of the mean square over R, G and B, and over its region.
-    pub error: Vec<f32>,
+    /// The estimated standard errors of each pixel: root mean squares over its region.
+    pub error: Vec<Colour>,
 }
 
 /// The candidates of filters that were given halves; `None` if one was not.
@@ -128,20 +132,32 @@ impl Regions {
 
     /// Weighted means of the products of the differences `a` - `b` and `c` - `d` over the regions around all pixels.
     fn products(&self, [a, b]: [&[Colour]; 2], [c, d]: [&[Colour]; 2]) -> Vec<f64> {
-        let pixel = |i: usize| {
+        self.means(|i| {
             let difference = |x: &[Colour], y: &[Colour], axis: usize| f64::from(x[i][axis]) - f64::from(y[i][axis]);
             let weighted = |axis: usize| self.scale[i][axis] * difference(a, b, axis) * difference(c, d, axis);
             (0..3).map(weighted).sum::<f64>() / 3.0
-        };
+        })
+    }
+
+    /// The weighted squared differences of each pair of images, summed.
+    fn differences(&self, pairs: [[&[Colour]; 2]; 2], c: usize) -> Vec<f64> {
+        let square = |i: usize, [a, b]: [&[Colour]; 2]| (f64::from(a[i][c]) - f64::from(b[i][c])).powi(2);
+        let pixel = |i: usize| self.scale[i][c] * pairs.iter().map(|pair| square(i, *pair)).sum::<f64>();
+        (0..self.scale.len()).into_par_iter().map(pixel).collect()
+    }
+
+    /// Means of the pixels' values over the regions around them.
+    fn means(&self, pixel: impl Fn(usize) -> f64 + Send + Sync) -> Vec<f64> {
         let values: Vec<f64> = (0..self.scale.len()).into_par_iter().map(pixel).collect();
-        smooth(&smooth(&values, self.size), self.size)
+        of_regions(&values, self.size)
     }
 
     /// The estimated standard errors of an image, from the results of the same steps for the halves of the samples.
-    fn errors(&self, raw: &Raw<'_>, [of_a, of_b]: [&[Colour]; 2]) -> Vec<f32> {
+    fn errors(&self, raw: &Raw<'_>, [of_a, of_b]: [&[Colour]; 2]) -> Vec<Colour> {
         let [a, b] = raw.halves;
         let squares = |x, y| self.products([x, y], [x, y]);
-        let (across, back, noise, own) = (squares(of_a, b), squares(of_b, a), squares(a, b), squares(of_a, of_b));
+        let (noise, own) = (squares(a, b), squares(of_a, of_b));
+        let across = [0, 1, 2].map(|c| Distribution::new(&self.differences([[of_a, b], [of_b, a]], c), self.size));
         // The noise that the image lost, from its difference from the raw image.
         let (lost_a, lost_b) = (self.products([of_a, a], [b, a]), self.products([of_b, b], [a, b]));
         let [count_a, count_b] = raw.half_samples.map(f64::from);
@@ -150,14 +166,18 @@ impl Regions {
         let avoidance = AVOIDANCE * (4.0 / (count_a + count_b)).powf(0.25);
         let pixel = |i: usize| {
             // The squared error of a half is its squared bias plus its variance. All samples have less of the latter.
-            let bias = (across[i] + back[i] - noise[i] - own[i]) / 2.0;
+            let of_all = across.iter().map(|across| across.means[i]).sum::<f64>();
+            let bias = (of_all / 3.0 - noise[i] - own[i]) / 2.0;
             // Where noise remains that avoids the noise of the other half, the halves' difference has more noise than
             // their mean. A filtered image without noise seems less biased than it is, but with few samples there is no
             // estimate by how much.
             let avoided = avoidance * (1.0 - f64::from(raw.ratios[i])) * (noise[i] / 2.0 - lost_a[i] - lost_b[i]);
             let variance = share * own[i];
             let relative = (bias.max(0.0) + variance - avoided.max(0.0)).max(variance / 2.0);
-            (relative / (self.scale[i].iter().sum::<f64>() / 3.0)).sqrt() as f32
+            // Pixels and channels have the shares that they have in the differences. An estimate for each alone would
+            // be too uncertain.
+            let share = |c: usize| if of_all > 0.0 { across[c].values[i] / of_all } else { 1.0 / 3.0 };
+            [0, 1, 2].map(|c| (3.0 * relative * share(c) / self.scale[i][c]).sqrt() as f32)
         };
         (0..self.scale.len()).into_par_iter().map(pixel).collect()
     }
@@ -265,10 +285,35 @@ fn solve(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
     solution.iter().all(|x| x.is_finite()).then_some(solution)
 }
 
-/// Means over squares of [`RADIUS`], as far as they are within the image.
-pub(super) fn smooth(values: &[f64], [width, height]: [u32; 2]) -> Vec<f64> {
+/// Means of values over the regions around all pixels, and how they are distributed within the regions.
+pub(in crate::render) struct Distribution {
+    /// The means over the regions.
+    means: Vec<f64>,
+    /// The same in all, but less where a pixel's immediate neighbourhood has less than its region: a lamp without noise
+    /// beside a noisy wall has no error.
+    pub(in crate::render) values: Vec<f64>,
+}
+
+impl Distribution {
+    pub(in crate::render) fn new(values: &[f64], size: [u32; 2]) -> Distribution {
+        let means = of_regions(values, size);
+        let near = smooth(&smooth(values, size, NEAR), size, NEAR);
+        let weights: Vec<f64> = near.iter().zip(&means).map(|(near, mean)| near.min(*mean)).collect();
+        let of_weights = of_regions(&weights, size);
+        let value = |i: usize| if of_weights[i] > 0.0 { means[i] * (weights[i] / of_weights[i]) } else { 0.0 };
+        Distribution { values: (0..means.len()).map(value).collect(), means }
+    }
+}
+
+/// Means over the regions around all pixels.
+pub(super) fn of_regions(values: &[f64], size: [u32; 2]) -> Vec<f64> {
+    smooth(&smooth(values, size, RADIUS), size, RADIUS)
+}
+
+/// Means over squares of `radius`, as far as they are within the image.
+fn smooth(values: &[f64], [width, height]: [u32; 2], radius: usize) -> Vec<f64> {
     let (width, height) = (width as usize, height as usize);
-    let around = |i: usize, count: usize| i.saturating_sub(RADIUS)..(i + RADIUS + 1).min(count);
+    let around = |i: usize, count: usize| i.saturating_sub(radius)..(i + radius + 1).min(count);
     // Running sums would be faster, but lose the digits of dim pixels next to bright ones.
     let mut rows = vec![0.0; values.len()];
     rows.par_chunks_mut(width).zip(values.par_chunks(width)).for_each(|(means, line)| {

@@ -23,6 +23,12 @@ pub const RELMSE_FLOOR: f64 = 0.01;
 /// Scene-linear R, G and B.
 pub type Colour = [f32; 3];
 
+/// The relMSE of a pixel that looks like `colour`: the mean of the squared errors `square` of R, G and B over their
+/// squares.
+pub(super) fn relative(colour: &Colour, square: impl Fn(usize) -> f64) -> f64 {
+    (0..3).map(|c| square(c) / (f64::from(colour[c]).powi(2) + RELMSE_FLOOR)).sum::<f64>() / 3.0
+}
+
 /// A part of the light of a render, direct or indirect: a pixel each, row by row from the top.
 pub struct Part {
     /// Means of the samples.
@@ -149,9 +155,8 @@ pub struct Denoiser {
 /// An image without noise.
 pub(super) struct Denoised {
     pub colour: Vec<Colour>,
-    /// The estimated standard error of each pixel, the root of the mean square over R, G and B; `None` for a single
-    /// sample, whose error is unknown.
-    pub error: Option<Vec<f32>>,
+    /// The estimated standard errors of each pixel; `None` for a single sample, whose error is unknown.
+    pub error: Option<Vec<Colour>>,
 }
 
 impl Denoiser {
@@ -245,7 +250,7 @@ impl Denoiser {
         };
         // The error of a region is not theirs.
         for (i, error) in mixed.error.iter_mut().enumerate().filter(|(i, _)| noisy.is_clean[*i]) {
-            *error = (variance[i].iter().sum::<f32>() / 3.0).sqrt();
+            *error = variance[i].map(f32::sqrt);
         }
         Ok(Some(Denoised { colour: mixed.colour, error: Some(mixed.error) }))
     }

@@ -7,7 +7,7 @@
 
 use rayon::prelude::*;
 
-use super::mixture::smooth;
+use super::mixture::of_regions;
 use super::{Colour, Light, Part};
 
 /// The part of the halves' ratio that remains for all samples, and for a half alone, where samples are stratified well
@@ -27,9 +27,9 @@ pub fn ratios(size: [u32; 2], variance: &[Colour], halves: [&[Colour]; 2], half_
     let share = (first + second) * (1.0 / first + 1.0 / second);
     let [a, b] = halves;
     let square = |(a, b): (&Colour, &Colour)| (0..3).map(|c| (f64::from(a[c]) - f64::from(b[c])).powi(2)).sum::<f64>();
-    let found = smooth(&a.par_iter().zip(b).map(square).collect::<Vec<_>>(), size);
+    let found = of_regions(&a.par_iter().zip(b).map(square).collect::<Vec<_>>(), size);
     let expected = |variance: &Colour| share * variance.iter().map(|x| f64::from(*x)).sum::<f64>();
-    let expected = smooth(&variance.par_iter().map(expected).collect::<Vec<_>>(), size);
+    let expected = of_regions(&variance.par_iter().map(expected).collect::<Vec<_>>(), size);
     let ratio = |(found, expected): (&f64, &f64)| (found / expected).clamp(0.0, 1.0) as f32;
     // 0 over 0 and values that are not finite count as independent samples.
     let known = |ratio: f32| if ratio.is_nan() { 1.0 } else { ratio };

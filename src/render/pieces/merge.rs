@@ -229,6 +229,11 @@ impl Sums for Merged<'_> {
         self.samples[pixel]
     }
 
+    fn shared_errors(&self) -> Option<&[f32]> {
+        // Pieces have the rays that they start with, so no change shows their error.
+        None
+    }
+
     fn push_class_channels(&self, _: &mut Vec<Channel>) -> Result<()> {
         Ok(())
     }
