@@ -6,6 +6,7 @@
 // have scattered since it left the lights.
 
 @if(texture_loads) import package::lib::table::table_texel;
+import package::lib::bvh::traversal_iterations;
 import package::lib::grid::{FAR, GridShape, cell_index, counted_distance, load_cell_start, load_photon};
 
 @if(texture_loads) @group(1) @binding(15) var irradiance_table: texture_storage_2d<rgba32float, read>;
@@ -17,10 +18,17 @@ import package::lib::grid::{FAR, GridShape, cell_index, counted_distance, load_c
 @if(!caustic_irradiance) const IRRADIANCE_TEXELS = 1u;
 @if(caustic_irradiance) const IRRADIANCE_TEXELS = 2u;
 
+// Irradiance points that the look-ups of this invocation have visited, and their maximum number. Where light falls on a
+// small part of a large scene, such as a model on a plain, one cell holds nearly all points: a look-up would cost more
+// than the rays that it saves, and on a software device leave no loop iterations for these. The maximum is a quarter
+// of the iterations of a path (lib/path_tracing), and a hundred look-ups where light falls everywhere.
+const MAX_VISITS = 4096u;
+var<private> visits: u32;
+
 struct Irradiance {
     // Irradiance on the side of the normal.
     value: vec3f,
-    // Radius of the disc whose photons gave the value; FAR where no irradiance point is near enough.
+    // Radius of the disc whose photons gave the value; FAR where no irradiance point is near enough, or too many are.
     radius: f32,
     // The irradiance point.
     @if(caustic_irradiance) point: u32,
@@ -52,14 +60,20 @@ fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
     let high = min(corner + 1, size - 1);
     var nearest_distance = FAR;
     var nearest_point = 0u;
+    var known: Irradiance;
+    known.radius = FAR;
     if low.x <= high.x {
         for (var row = 0; row < 4; row++) {
             let y = corner.y + (row & 1);
             let z = corner.z + (row >> 1);
             if y < low.y || y > high.y || z < low.z || z > high.z { continue; }
             let base = cell_index(irradiance_grid, 0u, vec3u(0u, u32(y), u32(z)));
+            let first = load_cell_start(base + u32(low.x));
             let end = load_cell_start(base + u32(high.x) + 1u);
-            for (var p = load_cell_start(base + u32(low.x)); p < end; p++) {
+            if end - first > MAX_VISITS - visits { return known; }
+            visits += end - first;
+            traversal_iterations += end - first + 1u;
+            for (var p = first; p < end; p++) {
                 let distance = counted_distance(load_photon(p), position, normal);
                 if distance < nearest_distance {
                     nearest_distance = distance;
@@ -68,8 +82,6 @@ fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
             }
         }
     }
-    var known: Irradiance;
-    known.radius = FAR;
     if nearest_distance >= FAR { return known; }
     let found = load_irradiance_texel(IRRADIANCE_TEXELS * nearest_point);
     known.value = found.xyz;

@@ -966,3 +966,33 @@ fn look_ups_find_the_nearest_irradiance_point(gpu: &Gpu) {
         }
     }
 }
+
+/// A look-up among more irradiance points than it may visit finds nothing, so that the path goes on by rays, for which
+/// loop iterations must remain. Here a cell holds all points, as where a scene is far larger than its lit part.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn look_ups_visit_a_limited_number_of_irradiance_points(gpu: &Gpu) {
+    const MAX_VISITS: usize = 4096;
+    let rectangles = corner_and_cube();
+    let bench = Bench::new(gpu, &rectangles);
+    let mut random = Random(5);
+    let photons: Vec<Photon> = (0..5000)
+        .map(|_| {
+            let (position, normal) = somewhere(&rectangles, &mut random);
+            carrying(position, normal, [16; 3])
+        })
+        .collect();
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
+    let map = bench.sort(gpu, &photons, shape);
+    let pass = Irradiance::new(gpu, &bench.stage.features, &bench.stage.gpu_scene.constants()).unwrap();
+    let lit = Rectangle(Vec3::new(-0.3, -0.5, -0.3), Vec3::Z * 1e-4, Vec3::X * 1e-4);
+    let queries: Vec<Point> = (0..64).map(|_| point(on(&lit, &mut random), lit.normal())).collect();
+    for count in [1, MAX_VISITS, MAX_VISITS + 1, 70_000] {
+        let crowd: Vec<Photon> = (0..count).map(|_| photon(on(&lit, &mut random), lit.normal(), 0, false)).collect();
+        let sorted = bench.sort(gpu, &crowd, irradiance_point_grid((BOUNDS, 3.0), count as u32));
+        let known = pass.precompute(gpu, &bench.stage.gpu_scene, &map, sorted, 1.0).unwrap();
+        let found = bench.look_up(gpu, "near", &known, &queries, queries.len());
+        let without = found.iter().filter(|[.., radius]| *radius == FAR).count();
+        let expected = if count <= MAX_VISITS { 0 } else { queries.len() };
+        assert_eq!(without, expected, "of {} look-ups among {count} irradiance points", queries.len());
+    }
+}
