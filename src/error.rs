@@ -40,7 +40,8 @@ pub enum Error {
     /// A setting that is out of its range or contradicts another.
     #[error("`{name}` {problem}")]
     Setting {
-        /// The setting, as the path of its field in [`crate::Settings`]: `visibility_map.nearest`.
+        /// The setting, as the path of its field in [`crate::Settings`]: `visibility_map.nearest`. Or a field of
+        /// [`crate::ImportOptions`].
         name: &'static str,
         /// The problem, and the setting's range.
         problem: String,
@@ -106,7 +107,8 @@ impl Error {
         Error::Input { file: file.as_ref().to_owned(), location, problem }
     }
 
-    /// An [`Error::Setting`] for the field `name` of [`crate::Settings`]. `problem` starts with a verb.
+    /// An [`Error::Setting`] for the field `name` of [`crate::Settings`] or [`crate::ImportOptions`]. `problem` starts
+    /// with a verb.
     pub fn setting(name: &'static str, problem: impl Into<String>) -> Self {
         Error::Setting { name, problem: problem.into() }
     }

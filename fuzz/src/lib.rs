@@ -65,7 +65,7 @@ pub fn import(bytes: &[u8], json: &[u8], path: &str) {
     let outcome = bounded(
         || match Scene::from_bytes(bytes, Path::new(path), &moved) {
             // Without an animation there is no time.
-            Err(Error::Usage(_)) => Scene::from_bytes(bytes, Path::new(path), &still),
+            Err(Error::Setting { name: "time", .. }) => Scene::from_bytes(bytes, Path::new(path), &still),
             outcome => outcome,
         },
         |outcome| {

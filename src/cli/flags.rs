@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// The library's name of a setting, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 44] = [
+const FLAGS: [(&str, &str); 45] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`indirect.irradiance_cache.enabled`", "--no-cache"),
     ("`technique`", "--technique"),
@@ -42,6 +42,7 @@ const FLAGS: [(&str, &str); 44] = [
     ("`lenient` import", "--lenient"),
     ("`default_light`", "--default-light"),
     ("`time`", "--at"),
+    ("`frames`", "--frames"),
     ("`environment_rotation`", "--environment-rotation"),
     ("`environment_strength`", "--environment-strength"),
     ("`budgets`", "--budgets"),

@@ -97,7 +97,7 @@ fn find<'s, 'r, 'a>(animations: &'s [Animation<'r, 'a>], options: &ImportOptions
 
 fn select<'s, 'r, 'a>(animations: &'s [Animation<'r, 'a>], options: &ImportOptions) -> Result<&'s Animation<'r, 'a>> {
     if !options.time.is_some_and(f64::is_finite) {
-        return Err(Error::Usage("`time` must be finite".into()));
+        return Err(Error::setting("time", "must be finite"));
     }
     find(animations, options).ok_or_else(|| {
         let name = |(i, animation): (usize, &Animation)| animation.name.clone().unwrap_or_else(|| i.to_string());
@@ -107,7 +107,7 @@ fn select<'s, 'r, 'a>(animations: &'s [Animation<'r, 'a>], options: &ImportOptio
                 let names = names.join(", ");
                 Error::Usage(format!("no animation is called '{wanted}' or has that index; available: {names}"))
             }
-            _ => Error::Usage("the scene has no animation, so `time` has no meaning".into()),
+            _ => Error::setting("time", "has no meaning: the scene has no animation"),
         }
     })
 }

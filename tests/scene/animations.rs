@@ -122,7 +122,7 @@ fn animations_are_selected_by_name_or_index() {
     }
     for (file, time) in [(&File::triangle(), 0.0), (&file, f64::NAN)] {
         let error = file.load_with(&at(time)).unwrap_err();
-        assert!(matches!(&error, Error::Usage(text) if text.contains("`time`")), "{error}");
+        assert!(matches!(&error, Error::Setting { name: "time", .. }), "{error}");
     }
 }
 

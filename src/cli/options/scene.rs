@@ -261,7 +261,7 @@ impl SceneOptions {
         aspect: f32,
     ) -> Result<(Scene, Camera)> {
         let mut scene = self.load_at(time.or(self.at)).map_err(|error| match error {
-            Error::Usage(problem) if self.at.is_none() => Error::Usage(problem.replace("`time`", "--frames")),
+            Error::Setting { name: "time", problem } if self.at.is_none() => Error::setting("frames", problem),
             other => other,
         })?;
         if let Some(panorama) = panorama {
