@@ -4,7 +4,6 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use std::{env, process};
 
 use kernel_kit::Gpu;
 use penumbra::internal::render::film;
@@ -26,7 +25,7 @@ use super::names::make_folder;
 use super::options::{
     DeviceOptions, EntrantParser, OidnOptions, SceneOptions, SettingsOptions, positive, read_reference,
 };
-use super::render::both;
+use super::render::{both, rescue, with_remark};
 use super::{Ending, cache, json, print, say};
 
 #[derive(clap::Args)]
@@ -449,12 +448,10 @@ fn write(path: &Path, text: &str) -> Result<()> {
 }
 
 /// Saves measurements that took minutes: in the folder for temporary files, or else, if that is full too, on stdout.
-/// Returns where they are.
-fn rescue(measurements: &str) -> Result<String> {
-    let file = env::temp_dir().join(format!("penumbra-{}.json", process::id()));
-    match write(&file, measurements) {
-        Ok(()) => Ok(format!("; the measurements are in {}", file.display())),
-        Err(_) => print(measurements).map(|()| "; the measurements are on stdout".to_owned()),
+fn rescue_measurements(text: &str) -> Result<String> {
+    match rescue("measurements are", "json", |path| write(path, text)) {
+        Some(remark) => Ok(remark),
+        None => print(text).map(|()| "; the measurements are on stdout".to_owned()),
     }
 }
 
@@ -499,11 +496,8 @@ impl Arguments {
         }
         outcomes.push(reference.image.write_exr(&image));
         self.conclude(report);
-        let kept = if is_lost { rescue(&text)? } else { String::new() };
-        outcomes.into_iter().fold(Ok(()), both).map_err(|problem| match problem {
-            Error::Output { file, problem } => Error::Output { file, problem: problem + &kept },
-            other => other,
-        })?;
+        let remark = if is_lost { rescue_measurements(&text)? } else { String::new() };
+        outcomes.into_iter().fold(Ok(()), both).map_err(|error| with_remark(error, &remark))?;
         self.tell(format!("wrote {}", html.display()));
         Ok(())
     }

@@ -36,7 +36,10 @@ impl Files {
             }
             result = both(result, outcome);
         }
-        result.map_err(|error| with_rescue(error, image))
+        result.map_err(|error| {
+            let remark = rescue("image is", "exr", |path| image.write_exr(path)).unwrap_or_default();
+            with_remark(error, &remark)
+        })
     }
 
     /// Writes the statistics, if they are requested.
@@ -47,17 +50,17 @@ impl Files {
     }
 }
 
-/// Saves an image that could not be written in the folder for temporary files, and adds that to the error.
-fn with_rescue(error: Error, image: &Image) -> Error {
+/// Saves in the folder for temporary files what could not be written where it belongs: `saved`, as in "image is".
+/// Returns a remark for the error, on where it is; `None` if it cannot be written there either.
+pub fn rescue(saved: &str, extension: &str, write: impl Fn(&Path) -> Result<()>) -> Option<String> {
+    let file = env::temp_dir().join(format!("penumbra-{}.{extension}", process::id()));
+    write(&file).ok().map(|()| format!("; the {saved} in {}", file.display()))
+}
+
+/// The error of a file that could not be written, with a remark.
+pub fn with_remark(error: Error, remark: &str) -> Error {
     match error {
-        Error::Output { file, problem } => {
-            let rescue = env::temp_dir().join(format!("penumbra-{}.exr", process::id()));
-            let kept = match image.write_exr(&rescue) {
-                Ok(()) => format!("; the image is in {}", rescue.display()),
-                Err(_) => String::new(),
-            };
-            Error::Output { file, problem: problem + &kept }
-        }
+        Error::Output { file, problem } => Error::Output { file, problem: problem + remark },
         other => other,
     }
 }
