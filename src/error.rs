@@ -69,6 +69,21 @@ pub enum Error {
         /// The buffer, pass or call that needed more.
         at: String,
     },
+    /// The machine has too little memory for an image.
+    #[error(
+        "an image of {} x {} pixels needs at least {:.1} GB of memory, and {:.1} GB are available; {remedy}",
+        size[0], size[1], *needed as f64 * 1e-9, *available as f64 * 1e-9
+    )]
+    Memory {
+        /// Width and height in pixels of what is rendered: the image, or the part that is requested.
+        size: [u32; 2],
+        /// Bytes needed at least.
+        needed: u64,
+        /// Bytes available.
+        available: u64,
+        /// The remedy.
+        remedy: String,
+    },
     /// A kernel that does not compose, validate or bind. A defect of Penumbra, never of a scene.
     #[error("kernel {kernel}: {problem}")]
     Kernel {
@@ -130,7 +145,11 @@ impl Error {
             Error::Input { .. } | Error::Output { .. } => 3,
             Error::Setting { .. } | Error::Usage(_) => 2,
             Error::NoDevice(_) | Error::NoDisplay(_) | Error::DeviceLost { .. } => 4,
-            Error::OutOfMemory { .. } | Error::Kernel { .. } | Error::Buffer { .. } | Error::Computation { .. } => 1,
+            Error::OutOfMemory { .. }
+            | Error::Memory { .. }
+            | Error::Kernel { .. }
+            | Error::Buffer { .. }
+            | Error::Computation { .. } => 1,
         }
     }
 }

@@ -41,6 +41,7 @@ mod gpu_scene;
 mod input;
 mod kernels;
 mod light_transport;
+mod memory;
 mod passes;
 mod procedural;
 mod random;
@@ -196,7 +197,7 @@ pub mod internal {
     }
 
     reexport! {
-        bvh error fingerprint gpu_scene kernels passes procedural random render
+        bvh error fingerprint gpu_scene kernels memory passes procedural random render
         #[cfg(feature = "report")] report
         scene settings specialisation statistics
         #[cfg(feature = "report")] stress

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use std::{env, fs, process, thread};
 
 use kernel_kit::{DeviceChoice, Gpu};
+use penumbra::internal::memory;
 use penumbra::internal::render::film::{self, View};
 use penumbra::internal::report::check::{Case, Cases, Finding, Outcome, junit, kind_of, page};
 use penumbra::{Error, Image, Result};
@@ -274,10 +275,7 @@ fn baseline(case: &Case, cases: &Path) -> std::result::Result<Image, String> {
 /// One for each processor, if memory is enough.
 fn default_jobs() -> usize {
     let processors = thread::available_parallelism().map_or(1, usize::from);
-    let info = fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let available = info.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
-    let kilobytes = available.and_then(|text| text.trim().trim_end_matches(" kB").parse::<u64>().ok());
-    let fitting = kilobytes.map_or(usize::MAX, |kilobytes| (kilobytes * 1024 / JOB_BYTES) as usize);
+    let fitting = memory::available().map_or(usize::MAX, |bytes| (bytes / JOB_BYTES) as usize);
     processors.min(fitting).max(1)
 }
 

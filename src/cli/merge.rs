@@ -77,7 +77,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
             pieces.merge_denoised(&arguments.device.open()?, &denoiser)?
         }
     };
-    let denoised = image.denoised();
+    let denoised = if shows { image.denoised() } else { None };
     let mut result = Ok(());
     for path in &arguments.output {
         let shown = denoised.as_ref().filter(|_| !is_exr(path)).unwrap_or(&image);

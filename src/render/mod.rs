@@ -12,6 +12,7 @@ mod denoised;
 mod empty_image;
 pub mod film;
 mod growth;
+mod host_memory;
 mod inspection;
 mod noisy;
 mod notes;

@@ -1,6 +1,7 @@
 //! The image and the statistics of a render.
 
 use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
 
 use glam::DVec4;
 use kernel_kit::Gpu;
@@ -55,11 +56,15 @@ impl Renderer<'_> {
 /// The image of the film, on the device or as it was kept.
 pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Result<Image> {
     let settings = &renderer.settings;
-    let film = Film { renderer, kept: kept.map(|kept| Kept::new(renderer, kept)) };
+    let kept = kept.map(|kept| Kept::new(renderer, kept));
+    let film = Film { kept: kept.as_ref(), ..Film::of(renderer) };
     let normalisation = &renderer.scene.normalisation;
     let picture = Picture { aovs: &settings.image.aovs, background: settings.image.background, normalisation };
-    let channels = picture.channels(&film)?;
     let part = settings.image.part();
+    let mut channels = Vec::new();
+    for tiles in film.parts() {
+        append(&mut channels, picture.channels(&Film { tiles, ..film })?, part.width as usize * part.height as usize);
+    }
     let mut image = Image { width: part.width, height: part.height, channels, ..Image::default() };
     image.transparent = settings.image.background == Background::Transparent;
     image.crop = settings
@@ -74,11 +79,22 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
     Ok(image)
 }
 
-/// The sums of samples, on the device or kept.
+/// Adds the samples of further pixels to channels, which have `pixels` pixels in the end.
+fn append(channels: &mut Vec<Channel>, more: Vec<Channel>, pixels: usize) {
+    if channels.is_empty() {
+        *channels = more;
+        channels.iter_mut().for_each(|channel| channel.samples.reserve_exact(pixels - channel.samples.len()));
+    } else {
+        channels.iter_mut().zip(more).for_each(|(channel, more)| channel.samples.extend(more.samples));
+    }
+}
+
+/// The sums of samples, on the device or kept, of some tiles. Pixels are counted from the first of these.
 pub(super) struct Film<'a> {
     renderer: &'a Renderer<'a>,
     /// The sums in a checkpoint, if they are not on the device.
-    kept: Option<Kept<'a>>,
+    kept: Option<&'a Kept<'a>>,
+    tiles: Range<usize>,
 }
 
 /// The sums in a checkpoint.
@@ -134,7 +150,7 @@ impl Sums for Film<'_> {
     }
 
     fn samples_of(&self, pixel: usize) -> u32 {
-        self.renderer.samples_of(pixel)
+        self.renderer.samples_of(self.first_pixel() + pixel)
     }
 
     fn shared_errors(&self) -> Option<&[f32]> {
@@ -147,16 +163,34 @@ impl Sums for Film<'_> {
 }
 
 impl<'a> Film<'a> {
-    /// The film on the device.
+    /// The film on the device, of the whole image.
     pub fn of(renderer: &'a Renderer<'a>) -> Film<'a> {
-        Film { renderer, kept: None }
+        Film { renderer, kept: None, tiles: 0..renderer.view.tiles.len() }
     }
 
-    /// The sums of a tile's plane, by the number of samples of each pixel of the image.
+    /// The tiles whose channels are made at once: single ones, because sums take more memory than channels. Those of a
+    /// piece are in memory, and whole.
+    fn parts(&self) -> Vec<Range<usize>> {
+        match self.piece_sums() {
+            Some(_) => vec![self.tiles.clone()],
+            None => self.tiles.clone().map(|tile| tile..tile + 1).collect(),
+        }
+    }
+
+    /// The number of the first pixel in the image.
+    fn first_pixel(&self) -> usize {
+        self.first_pixel_of(&self.renderer.view.tiles[self.tiles.start])
+    }
+
+    fn first_pixel_of(&self, tile: &TileFilm) -> usize {
+        tile.rows().start as usize * self.renderer.settings.image.part().width as usize
+    }
+
+    /// The sums of a tile's plane, by the number of samples of each pixel.
     fn tile_sums(&self, tile: &TileFilm, plane: &Plane, samples: &dyn Fn(usize) -> u32) -> Result<Vec<Sum>> {
-        let first = tile.rows().start as usize * self.renderer.settings.image.part().width as usize;
+        let first = self.first_pixel_of(tile) - self.first_pixel();
         let samples = &|pixel| samples(first + pixel);
-        match &self.kept {
+        match self.kept {
             Some(kept) => Ok(Plane::sums_of(kept.planes[&std::ptr::from_ref(plane)], samples)),
             None => Ok(Plane::sums_of(&plane.state(self.renderer.gpu)?, samples)),
         }
@@ -170,7 +204,7 @@ impl<'a> Film<'a> {
         }
     }
 
-    /// The sums of a plane over the whole image; `samples` returns the number of samples of a pixel. `None` if the
+    /// The sums of a plane over all pixels; `samples` returns the number of samples of a pixel. `None` if the
     /// tiles have no such plane.
     pub fn plane_sums(
         &self,
@@ -178,16 +212,16 @@ impl<'a> Film<'a> {
         samples: &dyn Fn(usize) -> u32,
     ) -> Result<Option<Vec<Sum>>> {
         let mut all = Vec::new();
-        for tile in &self.renderer.view.tiles {
+        for tile in &self.renderer.view.tiles[self.tiles.clone()] {
             let Some(plane) = pick(tile) else { return Ok(None) };
             all.extend(self.tile_sums(tile, plane, samples)?);
         }
         Ok(Some(all))
     }
 
-    /// The means of a plane over the whole image; `None` if the tiles have no such plane.
+    /// The means of a plane over all pixels; `None` if the tiles have no such plane.
     pub fn means(&self, pick: &dyn Fn(&TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
-        let sums = self.plane_sums(pick, &|pixel| self.renderer.samples_of(pixel))?;
+        let sums = self.plane_sums(pick, &|pixel| self.samples_of(pixel))?;
         Ok(sums.map(|sums| sums.iter().map(Sum::mean).collect()))
     }
 
@@ -198,7 +232,7 @@ impl<'a> Film<'a> {
         for (index, light) in renderer.scene.lights.iter().enumerate() {
             let Some(mut all) = self.means(&|f| f.classes.get(index))? else { return Ok(()) };
             // Only the first sample wrote its class into the sum.
-            all.iter_mut().enumerate().for_each(|(pixel, v)| v.x *= f64::from(renderer.samples_of(pixel)));
+            all.iter_mut().enumerate().for_each(|(pixel, v)| v.x *= f64::from(self.samples_of(pixel)));
             // A dot ends a layer's name, and two lights may share theirs.
             let mut name = light.name.replace('.', "_");
             if !used.insert(name.clone()) {

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
+use super::host_memory;
 use super::tiles::{TileFilm, TileSize};
 use crate::Result;
 use crate::gpu_scene::{CameraUniform, GpuScene};
@@ -56,6 +57,8 @@ impl ViewOf<'_> {
         let tile_size = TileSize::new(features, scene.lights.len(), settings)?;
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
         let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
+        let row = TileFilm::new(gpu, &film, &buffers, None, [0, 1], settings)?;
+        host_memory::check(gpu, &row, settings)?;
         let primary = primary.bind(gpu, &buffers, gpu_scene)?;
         let stage = stage(settings, 0, grows(settings));
         let mut first_pass = FirstPass {

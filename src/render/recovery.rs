@@ -6,8 +6,10 @@ use kernel_kit::Gpu;
 
 use super::backup::Backup;
 use super::checkpoint::Checkpoint;
+use super::host_memory::has_room;
 use super::output;
 use super::renderer::Renderer;
+use crate::passes::film::Plane;
 use crate::{Error, Image, Result, Statistics};
 
 /// How often a device may be lost without new samples: if it is lost at the same sample again and again, the render
@@ -35,7 +37,7 @@ pub struct Salvage {
 /// Runs `work` on `gpu`, with a renderer that `start` makes and that resumes `from`. If the device is lost, `open`
 /// opens another one, and `work` begins again with a renderer that resumes from the state kept last in memory. The
 /// image has the same bits, unless it is to end in time. Keeping the state takes at most a fiftieth of the time, and as
-/// much memory as a checkpoint.
+/// much memory as a checkpoint, if so much is left.
 ///
 /// # Errors
 /// Those of `start` and `work`, and of `open` if there is no other device or the device is lost again and again; with
@@ -118,10 +120,27 @@ impl Renderer<'_> {
     /// Keeps the state of the samples, if the caller wants this and it is due.
     pub(super) fn keep(&mut self) -> Result<()> {
         if self.backup.as_ref().is_some_and(Backup::is_due) {
+            if !self.has_room_for_copy() {
+                let note =
+                    "there is too little memory to keep a copy of the samples: if the device is lost, so are they";
+                if !self.notes.iter().any(|said| said == note) {
+                    self.notes.push(note.to_owned());
+                }
+                return Ok(());
+            }
             let start = Instant::now();
             self.backup = Some(Backup::of(self.checkpoint_without_fingerprint()?, start));
         }
         Ok(())
+    }
+
+    /// Whether there is enough memory for a copy of the state.
+    fn has_room_for_copy(&self) -> bool {
+        let state = match &self.piece_sums {
+            Some(sums) => sums.bytes(),
+            None => self.planes().map(Plane::bytes).sum(),
+        };
+        has_room(state, &self.settings, self.view.tiles.iter().any(|tile| tile.indirect.is_some()))
     }
 
     /// Image, statistics and checkpoint of the state kept last, without the device. The renderer cannot be used

@@ -119,7 +119,8 @@ impl TileFilm {
             .collect()
     }
 
-    fn new(
+    /// Empty films of some rows.
+    pub fn new(
         gpu: &Gpu,
         film: &Film,
         buffers: &TileBuffers,

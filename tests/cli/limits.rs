@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use penumbra::Image;
 use serde_json::{Value, json};
 
-use crate::program::{Answer, device, folder, run};
+use crate::program::{Answer, BOX, device, folder, run};
 
 /// Albedo of the wall, and its radiance under the irradiance pi or in an environment of radiance 1.
 const ALBEDO: f64 = 0.5;
@@ -194,6 +194,32 @@ fn one_pixel_of_one_sample() {
     }
     render("--samples 0..1").assert_technique("shadow-photons");
     render("--time 0.001").assert_technique_of_no_time();
+}
+
+/// An image that no memory can hold is refused before the render begins.
+#[test]
+fn an_image_that_does_not_fit_the_memory() {
+    // The sums of thirteen quantities in 32 bytes, 24 channels in 4, and what denoisers take.
+    let needed = 16_384 * 16_384 * (13 * 32 + 24 * 4);
+    let info = fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let total = |name: &str| -> Option<u64> {
+        info.lines().find_map(|line| line.strip_prefix(name))?.trim().strip_suffix(" kB")?.parse().ok()
+    };
+    let (Some(memory), Some(swap)) = (total("MemTotal:"), total("SwapTotal:")) else { return };
+    if (memory + swap) * 1024 > needed {
+        eprintln!("this machine may have room for it");
+        return;
+    }
+    let folder = folder();
+    let output = folder.path().join("a.exr");
+    let aovs = "--aov direct,indirect,albedo,N,P,Z,variance,samples";
+    let render = format!("render --device {} --width 16384 --height 16384 --denoise statistical {aovs} -o", device());
+    let answer = run(&render, &[&output, &BOX]);
+    let size = "an image of 16384 x 16384 pixels needs at least ";
+    answer.assert_refused(1, &[size, "GB are available", "--width", "--crop", "fewer --aov", "--denoise none"]);
+    let stated = answer.stderr.split_once(size).and_then(|(_, rest)| rest.split(' ').next()?.parse::<f64>().ok());
+    assert!(stated.is_some_and(|gigabytes| gigabytes * 1e9 >= needed as f64), "{answer:?}");
+    assert!(!output.exists());
 }
 
 /// Without a light the image is black, and the note is on the cause.

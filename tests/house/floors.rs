@@ -7,7 +7,19 @@ use crate::{shaders, sources};
 
 /// Where each file or folder of `src` lives, from the ground up. The first entry that a path begins with counts.
 const FLOORS: &[(u32, &[&str])] = &[
-    (1, &["src/settings", "src/statistics", "src/error", "src/input", "src/fingerprint", "src/random", "src/count"]),
+    (
+        1,
+        &[
+            "src/settings",
+            "src/statistics",
+            "src/error",
+            "src/input",
+            "src/fingerprint",
+            "src/random",
+            "src/count",
+            "src/memory",
+        ],
+    ),
     (2, &["src/scene", "src/bvh", "src/procedural"]),
     (3, &["src/specialisation", "src/kernels"]),
     (4, &["src/gpu_scene"]),

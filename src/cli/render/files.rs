@@ -26,7 +26,7 @@ impl Files {
     /// disk does not lose the render.
     pub fn write_images(&self, image: &Image, view: View, exposure: f32, quiet: bool) -> Result<()> {
         let mut result = Ok(());
-        let denoised = image.denoised();
+        let denoised = if self.outputs.iter().all(|path| is_exr(path)) { None } else { image.denoised() };
         for path in &self.outputs {
             // An .exr has all channels; a .png shows one picture.
             let shown = denoised.as_ref().filter(|_| !is_exr(path)).unwrap_or(image);

@@ -1,17 +1,20 @@
 //! OpenEXR files with one flat part and any channels.
 
 use std::collections::{BTreeMap, HashSet};
-use std::io::{Cursor, Write};
+use std::fs::File;
+use std::io::{self, BufWriter, Cursor, Read, Seek, Write};
 use std::path::Path;
 
+use ::exr::block::lines::LineRefMut;
 use ::exr::image::read::image::ReadLayers;
 use ::exr::image::read::layers::ReadChannels;
+use ::exr::image::write::samples::{SamplesWriter, WritableSamples};
 use ::exr::image::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer, read::read, write::WritableImage,
 };
-use ::exr::math::Vec2;
+use ::exr::math::{RoundingMode, Vec2};
 use ::exr::meta::MetaData;
-use ::exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, Text};
+use ::exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, LevelMode, SampleType, Text};
 use ::exr::meta::header::{Header, ImageAttributes, LayerAttributes};
 
 use super::atomic::write_atomically;
@@ -40,15 +43,12 @@ impl Image {
         let path = path.as_ref();
         let image = self.to_exr().map_err(|problem| Error::output(path, problem))?;
         write_atomically(path, |file| {
-            let mut bytes = Cursor::new(Vec::new());
-            image.write().to_buffered(&mut bytes)?;
-            let mut bytes = bytes.into_inner();
-            sort_attributes(&mut bytes);
-            Ok(file.write_all(&bytes)?)
+            image.write().to_buffered(&mut *file)?;
+            Ok(sort_attributes(file)?)
         })
     }
 
-    fn to_exr(&self) -> std::result::Result<ExrImage<Layer<AnyChannels<FlatSamples>>>, String> {
+    fn to_exr(&self) -> std::result::Result<ExrImage<Layer<AnyChannels<Borrowed<'_>>>>, String> {
         if self.width == 0 || self.height == 0 || self.channels.is_empty() {
             return Err("an image without pixels or channels".into());
         }
@@ -61,7 +61,7 @@ impl Image {
             if samples.len() != self.pixels() {
                 return Err(format!("channel {name}: {} samples for {} pixels", samples.len(), self.pixels()));
             }
-            channels.push(AnyChannel::new(text(name)?, FlatSamples::F32(samples.clone())));
+            channels.push(AnyChannel::new(text(name)?, Borrowed { samples, width: self.width as usize }));
         }
 
         let mut attributes = LayerAttributes::default();
@@ -98,9 +98,60 @@ impl Image {
     }
 }
 
-/// Sorts the attributes of a header by name. The crate writes them in the order of a hash table, which differs from
-/// file to file. Their lengths stay, and so do the offsets of the pixels.
-fn sort_attributes(bytes: &mut [u8]) {
+/// The samples of a channel. The crate's own samples would be copies.
+#[derive(Clone, Copy)]
+struct Borrowed<'a> {
+    samples: &'a [f32],
+    width: usize,
+}
+
+impl<'s> WritableSamples<'s> for Borrowed<'_> {
+    type Writer = Self;
+
+    fn sample_type(&self) -> SampleType {
+        SampleType::F32
+    }
+
+    fn infer_level_modes(&self) -> (LevelMode, RoundingMode) {
+        (LevelMode::Singular, RoundingMode::Down)
+    }
+
+    fn create_samples_writer(&'s self, _: &Header) -> Self {
+        *self
+    }
+}
+
+impl SamplesWriter for Borrowed<'_> {
+    fn extract_line(&self, line: LineRefMut<'_>) {
+        let Vec2(x, y) = line.location.position;
+        let samples = &self.samples[y * self.width + x..][..line.location.sample_count];
+        // The line is in memory and has this length.
+        let _ = line.write_samples_from_slice(samples);
+    }
+}
+
+/// Sorts the attributes of a file's header by name. The crate writes them in the order of a hash table, which differs
+/// from file to file. Their lengths stay, and so do the offsets of the pixels.
+fn sort_attributes(file: &mut BufWriter<File>) -> io::Result<()> {
+    file.flush()?;
+    let file = file.get_mut();
+    // Headers are of a few kilobytes, but AOVs of many lights have many channels.
+    let (mut header, mut length) = (Vec::new(), 1 << 16);
+    loop {
+        file.rewind()?;
+        header.clear();
+        Read::take(&mut *file, length).read_to_end(&mut header)?;
+        if sort_header(&mut header) || (header.len() as u64) < length {
+            break;
+        }
+        length *= 2;
+    }
+    file.rewind()?;
+    file.write_all(&header)
+}
+
+/// [`sort_attributes`] of the first bytes of a file. Returns false, and sorts nothing, if the header is longer.
+fn sort_header(bytes: &mut [u8]) -> bool {
     // The magic number and the version.
     const FIRST: usize = 8;
     let mut rest = Bytes(&bytes[FIRST..]);
@@ -108,7 +159,11 @@ fn sort_attributes(bytes: &mut [u8]) {
     let mut end = FIRST;
     loop {
         let before = rest.0.len();
-        let Ok(Some((name, _))) = next_attribute(&mut rest) else { break };
+        let name = match next_attribute(&mut rest) {
+            Ok(Some((name, _))) => name,
+            Ok(None) => break,
+            Err(_) => return false,
+        };
         let length = before - rest.0.len();
         attributes.push((name.to_vec(), bytes[end..end + length].to_vec()));
         end += length;
@@ -116,6 +171,7 @@ fn sort_attributes(bytes: &mut [u8]) {
     attributes.sort();
     let sorted: Vec<u8> = attributes.into_iter().flat_map(|(_, attribute)| attribute).collect();
     bytes[FIRST..end].copy_from_slice(&sorted);
+    true
 }
 
 /// The metadata of [`Image::read_exr`] alone, for a file in memory: no pixels are decoded.

@@ -231,6 +231,11 @@ impl PieceSums {
         Some(totals.into_iter().map(|total| total.sum(samples)).collect())
     }
 
+    /// Bytes of the totals.
+    pub fn bytes(&self) -> u64 {
+        (self.nodes.len() * self.quantities.len() * self.pixels * size_of::<Total>()) as u64
+    }
+
     /// The totals, as words of a checkpoint.
     pub fn words(&self) -> impl Iterator<Item = u32> {
         let totals = self.nodes.iter().flat_map(|node| &node.quantities);
