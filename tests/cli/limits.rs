@@ -222,6 +222,32 @@ fn an_image_that_does_not_fit_the_memory() {
     assert!(!output.exists());
 }
 
+/// Light of any scale has its variance, which is proportional to the scale's square, until squares leave the range of
+/// single precision: then a note says so, and only if something depends on it.
+#[test]
+fn light_too_dim_for_its_variance() {
+    let folder = folder();
+    let render = |scale: f64, arguments: &str| {
+        let common = "--width 16 --height 16 --spp 8 --technique two-pass --max-bounces 0";
+        Rendered::new(folder.path(), BOX.as_ref(), &format!("{common} --light-scale {scale:e} {arguments}"))
+    };
+    let sum = |rendered: &Rendered, name: &str| -> f64 {
+        rendered.image.channel(name).unwrap().iter().map(|x| f64::from(*x)).sum()
+    };
+    let is_noted = |rendered: &Rendered| rendered.notes().iter().any(|note| note.contains("the channel variance"));
+    let bright = render(1.0, "--aov variance");
+    // Powers of two change no digits.
+    let dim = render(2f64.powi(-40), "--aov variance");
+    assert!(!is_noted(&bright) && !is_noted(&dim));
+    let ratio = |name: &str| sum(&dim, name) / sum(&bright, name);
+    assert!((ratio("R") * 2f64.powi(40) - 1.0).abs() < ROUNDING, "{}", ratio("R"));
+    assert!((ratio("variance.R") * 2f64.powi(80) - 1.0).abs() < ROUNDING, "{}", ratio("variance.R"));
+    let dimmest = render(2f64.powi(-80), "--aov variance");
+    assert!(is_noted(&dimmest) && sum(&dimmest, "variance.R") == 0.0 && sum(&dimmest, "R") > 0.0);
+    // The PNG is denoised.
+    assert!(is_noted(&render(2f64.powi(-80), "")) && !is_noted(&render(2f64.powi(-80), "--denoise none")));
+}
+
 /// Without a light the image is black, and the note is on the cause.
 #[test]
 fn no_light_at_all() {

@@ -1,0 +1,46 @@
+//! Notes on an image: that it shows nothing of its scene, or that it is too dim for its variance.
+
+use super::renderer::Renderer;
+use crate::Image;
+use crate::settings::{Aov, Denoise};
+
+/// Radiance of the brightest pixel below which squares are lost: 2^-55. Devices may round numbers below 2^-126 to 0,
+/// which is the square of 2^-63: 1/256 of this, the smallest step of a picture with eight bits.
+const DIM: f32 = 1.0 / (1u64 << 55) as f32;
+
+impl Renderer<'_> {
+    /// A note if `image`, an image of this render, shows nothing of the scene, or if its light is so dim that the
+    /// variance of samples is lost.
+    pub fn note_on(&self, image: &Image) -> Option<String> {
+        self.note_on_nothing(image).or_else(|| self.note_on_dim_light(image))
+    }
+
+    /// There is no note for an empty scene or one without light, which import notes, nor for a part of an image, which
+    /// may well be empty.
+    fn note_on_nothing(&self, image: &Image) -> Option<String> {
+        let is_zero = |name: &str| image.channel(name).is_some_and(|samples| samples.iter().all(|x| *x == 0.0));
+        let Renderer { scene, camera, settings, .. } = self;
+        if scene.is_empty() || settings.image.crop.is_some() {
+            return None;
+        }
+        if is_zero("A") {
+            let missed = || "the camera sees nothing: no ray from it has met a surface".into();
+            return scene.clipped_away(camera).or_else(|| Some(missed()));
+        }
+        let is_black = ["R", "G", "B"].into_iter().all(is_zero);
+        (is_black && !scene.lights.is_empty()).then(|| "the image is black: no sample has found light".into())
+    }
+
+    fn note_on_dim_light(&self, image: &Image) -> Option<String> {
+        let settings = &self.settings.image;
+        if settings.denoise == Denoise::None && !settings.aovs.contains(&Aov::Variance) {
+            return None;
+        }
+        let brightest = image.rgb().ok()?.into_iter().flatten().copied().fold(0.0, f32::max);
+        (brightest > 0.0 && brightest < DIM).then(|| {
+            "the light is so dim that squares of samples are rounded to 0: the channel variance is too small, and \
+             denoisers leave noise; brighten the lights with `light_scale`"
+                .into()
+        })
+    }
+}
