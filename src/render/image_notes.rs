@@ -3,6 +3,7 @@
 use super::renderer::Renderer;
 use crate::Image;
 use crate::settings::{Aov, Denoise};
+use crate::statistics::Counter;
 
 /// Radiance of the brightest pixel below which squares are lost: 2^-55. Devices may round numbers below 2^-126 to 0,
 /// which is the square of 2^-63: 1/256 of this, the smallest step of a picture with eight bits.
@@ -27,8 +28,15 @@ impl Renderer<'_> {
             let missed = || "the camera sees nothing: no ray from it has met a surface".into();
             return scene.clipped_away(camera).or_else(|| Some(missed()));
         }
-        let is_black = ["R", "G", "B"].into_iter().all(is_zero);
-        (is_black && !scene.lights.is_empty()).then(|| "the image is black: no sample has found light".into())
+        // Another note is on samples that were left out.
+        if scene.lights.is_empty()
+            || self.totals.get(Counter::NotFinite) > 0
+            || !["R", "G", "B"].into_iter().all(is_zero)
+        {
+            return None;
+        }
+        let reason = if settings.light_scale == 0.0 { "`light_scale` is 0" } else { "no sample has found light" };
+        Some(format!("the image is black: {reason}"))
     }
 
     fn note_on_dim_light(&self, image: &Image) -> Option<String> {

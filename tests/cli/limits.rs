@@ -248,6 +248,19 @@ fn light_too_dim_for_its_variance() {
     assert!(is_noted(&render(2f64.powi(-80), "")) && !is_noted(&render(2f64.powi(-80), "--denoise none")));
 }
 
+/// A black image says what made it black.
+#[test]
+fn lights_that_are_scaled_to_nothing_or_beyond_all_numbers() {
+    let folder = folder();
+    let render =
+        |scale: &str| Rendered::new(folder.path(), BOX.as_ref(), &format!("--width 16 --height 16 --spp 1 {scale}"));
+    let notes = |rendered: &Rendered| rendered.notes_on_nothing().join("; ");
+    assert_eq!(notes(&render("--light-scale 0")), "the image is black: --light-scale is 0");
+    let beyond = render("--light-scale 1e38");
+    assert_eq!(notes(&beyond), "");
+    assert!(beyond.notes().iter().any(|note| note.contains("not finite")), "{:?}", beyond.answer);
+}
+
 /// Without a light the image is black, and the note is on the cause.
 #[test]
 fn no_light_at_all() {
