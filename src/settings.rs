@@ -389,7 +389,7 @@ impl Settings {
                 format!("is {width} x {height} pixels at {x}, {y}; it must not be empty and must lie in the image");
             return Err(Error::setting("image.crop", format!("{problem} of {} x {}", image.width, image.height)));
         }
-        range("image.spp", image.spp, 1, u32::MAX)?;
+        range("image.spp", image.spp, 1, Self::UNLIMITED_SPP)?;
         range("visibility_map.photons_per_light", self.photons_per_light(), 1, Self::MAX_PHOTONS)?;
         range("visibility_map.nearest", visibility_map.nearest, 1, Self::MAX_NEAREST)?;
         let stored = visibility_map.shadow_photons_per_ray;

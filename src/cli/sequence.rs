@@ -15,6 +15,9 @@ const PLACEHOLDER: &str = "{frame}";
 /// frames: a frame has the same name whichever others are rendered with it.
 const DIGITS: usize = 4;
 
+/// Maximum number of views of a turntable, whose cameras are all made at first: at 24 a second, half a day.
+const MAX_VIEWS: i64 = 1_000_000;
+
 /// Options of a sequence.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Sequence")]
@@ -37,7 +40,7 @@ pub struct SequenceOptions {
     #[arg(
         long,
         value_name = "N",
-        value_parser = clap::value_parser!(u32).range(1..),
+        value_parser = clap::value_parser!(u32).range(1..=MAX_VIEWS),
         group = "sequence",
         conflicts_with_all = ["camera", "look_from", "checkpoint", "reference"]
     )]

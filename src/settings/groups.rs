@@ -15,8 +15,8 @@ pub struct ImageSettings {
     pub height: u32,
     /// The part that is rendered. `None`: all of it.
     pub crop: Option<Crop>,
-    /// Samples per pixel, at least 1: the number of each pixel, or the mean, depending on `sampling`. A single sample
-    /// goes through the centre of the pixel.
+    /// Samples per pixel, 1 to [`Settings::UNLIMITED_SPP`]: the number of each pixel, or the mean, depending on
+    /// `sampling`. A single sample goes through the centre of the pixel.
     pub spp: u32,
     /// How samples are distributed over pixels. [`Sampling::Adaptive`] is not for pieces.
     pub sampling: Sampling,
@@ -356,8 +356,8 @@ impl Default for WardSettings {
 impl Settings {
     /// Largest side of an image.
     pub const MAX_SIDE: u32 = 16_384;
-    /// Samples per pixel of a render that ends by time: never reached. A power of two keeps the samples of a pixel well
-    /// stratified.
+    /// Maximum number of samples per pixel, up to which the film counts them exactly in f32, and that of a render that
+    /// ends by time: never reached. A power of two keeps the samples of a pixel well stratified.
     pub const UNLIMITED_SPP: u32 = 1 << 24;
     /// Largest k: a class word has room for no more.
     pub const MAX_NEAREST: u32 = 511;

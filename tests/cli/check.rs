@@ -145,7 +145,7 @@ fn a_render_that_takes_too_long_is_a_broken_case() {
     let folder = folder();
     let file = folder.path().join("CASES.toml");
     let text = format!(
-        "[[case]]\nname = \"endless\"\nscene = \"{BOX}\"\nrender = {{ technique = \"path\", spp = 100000000 }}\n\
+        "[[case]]\nname = \"endless\"\nscene = \"{BOX}\"\nrender = {{ technique = \"path\", spp = 10000000 }}\n\
          limits = {{ seconds = 0.25 }}\n[[case]]\nname = \"none\"\nscene = \"none.glb\"\n"
     );
     fs::write(&file, text).unwrap();
@@ -165,7 +165,7 @@ fn a_signal_ends_the_renders_too() {
 
     let folder = folder();
     let file = folder.path().join("CASES.toml");
-    let endless = "render = { technique = \"path\", spp = 100000000 }";
+    let endless = "render = { technique = \"path\", spp = 10000000 }";
     fs::write(&file, format!("[[case]]\nname = \"endless\"\nscene = \"{BOX}\"\n{endless}\n")).unwrap();
     let temporary = folder.path().join("temporary");
     fs::create_dir(&temporary).unwrap();

@@ -177,6 +177,7 @@ fn wrong_usage_of_time_names_the_option() {
         ("SEQUENCE --fps 3", "--frames"),
         ("SEQUENCE --seed-per-frame", "--frames"),
         ("SEQUENCE --turntable 0", "--turntable"),
+        ("SEQUENCE --turntable 4294967295", "--turntable"),
         ("SEQUENCE --turntable 3 --frames 0..3", "--frames"),
         ("SEQUENCE --turntable 3 --camera 0", "--camera"),
         ("SEQUENCE --turntable 3 --checkpoint x", "--checkpoint"),

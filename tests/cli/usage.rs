@@ -99,6 +99,7 @@ fn wrong_usage_names_the_option() {
         ("render no-scene.glb -o x.png --width 4294967296", "--width"),
         ("render no-scene.glb -o x.png --height 0", "--height"),
         ("render no-scene.glb -o x.png --spp 0", "--spp"),
+        ("render no-scene.glb -o x.png --spp 16777217", "--spp"),
         ("render no-scene.glb -o x.png --spp", "--spp"),
         ("render no-scene.glb -o x.png --seed x", "--seed"),
         ("render no-scene.glb -o x.png --technique radiosity", "radiosity"),

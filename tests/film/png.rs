@@ -31,6 +31,14 @@ fn pixels_are_coded_in_srgb_after_exposure() {
 }
 
 /// A PNG has premultiplied colour over black, without alpha.
+/// The exposure that suits the image is 0, not -0.
+#[test]
+fn no_exposure_is_suggested_as_zero() {
+    let grey: &[f32] = &[0.18; 4];
+    let suggested = image(&[("R", grey), ("G", grey), ("B", grey)]).suggested_exposure(10.0).unwrap();
+    assert_eq!(suggested.to_string(), "0");
+}
+
 #[test]
 fn transparency_is_over_black() {
     let folder = tempfile::tempdir().unwrap();

@@ -106,7 +106,8 @@ impl Image {
         };
         let (median, bright) = (below(0.5), below(0.9));
         let shown = |luminance: f32| luminance * exposure.exp2();
-        let stops = |from: f32, to: f32| (to / from).log2().round();
+        // Not -0, which would be shown as such.
+        let stops = |from: f32, to: f32| (to / from).log2().round() + 0.0;
         // Two stops above white no view leaves anything to see.
         if shown(median) > 4.0 {
             return Some(stops(median, 0.18));
