@@ -154,7 +154,7 @@ impl Sums for Film<'_> {
     }
 
     fn shared_errors(&self) -> Option<&[f32]> {
-        self.renderer.sampling.growth.as_ref()?.errors.as_deref()
+        self.renderer.sampling.growth.as_ref()?.errors.as_ref()?.get(self.first_pixel()..)
     }
 
     fn push_class_channels(&self, channels: &mut Vec<Channel>) -> Result<()> {

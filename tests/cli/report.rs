@@ -93,7 +93,7 @@ fn what_can_be_written_is_written() {
     fs::create_dir(&temporary).unwrap();
     let lost = ["report.json", "error.svg"].map(|name| reports.join(name));
     let arguments = format!(
-        "report --device {} {SMALL} --repeats 3 --techniques path --budgets 0.3 --reference-error 0.5 --max-bounces 0",
+        "report --device {} {SMALL} --repeats 3 --techniques path --budgets 1 --reference-error 0.5 --max-bounces 0",
         device()
     );
     for has_room in [true, false] {
