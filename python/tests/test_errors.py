@@ -173,7 +173,8 @@ def test_a_signal_from_outside_is_seen_without_a_callback(box, device):
 
 
 def test_other_threads_go_on_while_a_render_runs(box, device):
-    """With the lock held, this thread would stop at its first wait, and go on when the render is over."""
+    """With the lock held, this thread would stop at its first wait, and go on when the render is over. On a busy machine
+    a wait of a millisecond has taken 50."""
     settings = {"width": 64, "height": 64, "max_bounces": 0, "device": device}
     box.render(**settings, spp=1)
     thread = threading.Thread(target=lambda: box.render(**settings, time=1.0))
@@ -182,7 +183,7 @@ def test_other_threads_go_on_while_a_render_runs(box, device):
     while thread.is_alive():
         thread.join(0.001)
         waits += 1
-    assert waits > 20
+    assert waits > 3
 
 
 def test_threads_render_in_turn_on_one_device(box, device):
