@@ -46,6 +46,13 @@ struct IrradianceParameters {
     shrink: f32,
     // The first of the lights whose unshadowed light is added. Later dispatches with further lights add nothing else.
     first_light: u32,
+    // The points for which the grid of the caustic map is: those in a shell of cubes around a centre. The distance to
+    // the faces of its cubes is more than `inner` and at most `outer`.
+    centre: vec3f,
+    inner: f32,
+    outer: f32,
+    padding: u32,
+    more_padding: vec2u,
 }
 
 var<immediate> irradiance_pass: IrradianceParameters;
@@ -146,6 +153,9 @@ fn caustics(
     var reflected = bsdf_diffuse(visible_surface(surface, point));
     @if(specular_chains) { reflected *= surface.chain.xyz; }
     let query = photon_query(surface, point);
+    let offset = abs(query.position - irradiance_pass.centre);
+    let distance = max(max(offset.x, offset.y), offset.z);
+    if distance <= irradiance_pass.inner || distance > irradiance_pass.outer { return; }
     let reach = reach_at(query.position, MAX_REACH_OF_POINTS);
     let disc = flux_about(query.position, query.normal, reach, Walls(NO_WALL, NO_WALL));
     if disc.radius <= 0.0 && !traversal_overrun { return; }

@@ -3,7 +3,7 @@
 //! their alpha of 2/3).
 
 use glam::Vec3;
-use kernel_kit::Frame;
+use kernel_kit::{Buffer, Frame};
 
 use super::global_map::GlobalMapKernels;
 use super::shared::{Shared, TILE_SAMPLES};
@@ -12,7 +12,7 @@ use crate::kernels::GridShape;
 use crate::passes::Tile;
 use crate::passes::flux::FluxSettings;
 use crate::passes::grid::Photon;
-use crate::passes::irradiance::{BoundShow, ShownMap};
+use crate::passes::irradiance::{BoundShow, Shell, ShownMap};
 use crate::settings::Settings;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
@@ -29,11 +29,23 @@ const PHOTONS_PER_CELL: f32 = 0.32;
 /// Maximum number of cells in that square.
 const MAX_CELLS: u32 = 1 << 19;
 
+/// Share of the photons that decides whether they are dense within a cube, and how much wider that cube is than these:
+/// there the density has fallen, and larger discs beyond the cube spread little light.
+const DENSE_SHARE: f64 = 0.8;
+const MARGIN: f32 = 1.5;
+
+/// Minimum ratio of the sides of cubes within each other. On a plane, photons are then at least 60 times as dense in
+/// the inner one as around it, and the cells of its grid a quarter as wide.
+const MIN_RATIO: f32 = 4.0;
+
+/// Maximum number of cubes within each other. With six, the widest may be 4,096 times as wide as the narrowest.
+const MAX_CUBES: usize = 6;
+
 /// The map of 8 samples, bound to a tile.
 pub(crate) struct CausticMap {
     number: u32,
-    /// `None` if no photon was stored.
-    show: Option<BoundShow>,
+    /// One for each of its grids; none if no photon was stored.
+    shows: Vec<BoundShow>,
 }
 
 impl CausticMap {
@@ -73,28 +85,125 @@ impl CausticMap {
             totals.count(Counter::NotFiniteFlux, traced.not_finite);
         }
         if traced.count == 0 {
-            return Ok(CausticMap { number, show: None });
+            return Ok(CausticMap { number, shows: Vec::new() });
         }
         let photons: Vec<Photon> = gpu.read(&traced.photons, traced.count as usize)?;
-        let positions = photons.iter().map(|photon| Vec3::from(photon.position));
-        let corner = Vec3::splat(f32::INFINITY);
-        let bounds = positions.fold((corner, -corner), |(low, high), p| (low.min(p), high.max(p)));
-        let extent = bounds.1 - bounds.0;
         // Knaus and Zwicker 2011, equation 20: the square of the radius falls as the power -1/3 of the maps so far.
         let shrink = f64::from(number + 1).powf(-1.0 / 6.0);
-        let cells = f64::from(traced.count) / (f64::from(PHOTONS_PER_CELL) * shrink * shrink);
-        let cells = (cells as u32).clamp(1, MAX_CELLS);
-        let shape = GridShape::with_photons_per_cell(1.0, bounds, extent.length_squared(), cells, 1);
-        let sorted = kernels.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
-        let shown = ShownMap { map: &sorted, step: traced.step, shrink, unshadowed: 0 };
-        let show = kernels.irradiance.bind_caustics(gpu, tile, gpu_scene, &shown)?;
-        Ok(CausticMap { number, show: Some(show) })
+        let mut shows = Vec::new();
+        let mut bind = |photons: &Buffer, shape: GridShape, count: u32, shell: Shell| -> Result<()> {
+            let sorted = kernels.grid.sort(gpu, photons, count, 1, shape)?;
+            let shown = ShownMap { map: &sorted, step: traced.step, shrink, unshadowed: 0, shell };
+            shows.push(kernels.irradiance.bind_caustics(gpu, tile, gpu_scene, &shown)?);
+            Ok(())
+        };
+        // From the innermost cube outwards, because each shell ends where the one within it needs.
+        let (centre, cubes) = dense_cubes(&photons);
+        let mut inner = Shell::ALL.inner;
+        for half in cubes.into_iter().rev() {
+            let is_within = |photon: &&Photon| distance(photon, centre) <= half;
+            let within: Vec<Photon> = photons.iter().filter(is_within).copied().collect();
+            let shape = grid(&within, shrink);
+            // An estimate reads its own cell and those around it: here no further photons are needed.
+            let outer = half - 2.0 * shape.cell;
+            if outer > inner.max(0.0) {
+                let uploaded = gpu.upload("penumbra/caustics/photons", &within)?;
+                bind(&uploaded, shape, within.len() as u32, Shell { centre: centre.into(), inner, outer })?;
+                inner = outer;
+            }
+        }
+        let shell = Shell { centre: centre.into(), inner, ..Shell::ALL };
+        bind(&traced.photons, grid(&photons, shrink), traced.count, shell)?;
+        Ok(CausticMap { number, shows })
     }
 
     /// Adds its light at the tile's points.
     pub fn show(&self, frame: &mut Frame<'_>, tile: &Tile) {
-        if let Some(show) = &self.show {
-            show.record(frame, tile);
+        self.shows.iter().for_each(|show| show.record(frame, tile));
+    }
+}
+
+/// The grid over photons, at least one, of a map whose discs are shrunk by `shrink`.
+fn grid(photons: &[Photon], shrink: f64) -> GridShape {
+    let corner = Vec3::splat(f32::INFINITY);
+    let positions = photons.iter().map(|photon| Vec3::from(photon.position));
+    let bounds = positions.fold((corner, -corner), |(low, high), p| (low.min(p), high.max(p)));
+    let extent = bounds.1 - bounds.0;
+    let cells = photons.len() as f64 / (f64::from(PHOTONS_PER_CELL) * shrink * shrink);
+    let cells = (cells as u32).clamp(1, MAX_CELLS);
+    GridShape::with_photons_per_cell(1.0, bounds, extent.length_squared(), cells, 1)
+}
+
+/// Distance of a photon from the centre of cubes, in half sides of the cube whose face it is on.
+fn distance(photon: &Photon, centre: Vec3) -> f32 {
+    (Vec3::from(photon.position) - centre).abs().max_element()
+}
+
+/// Cubes within which photons, at least one, are far denser than around: their centre, and half of their sides, the
+/// widest first. A single grid over a glass on a wide plain would have cells wider than the glass and blur its caustic.
+fn dense_cubes(photons: &[Photon]) -> (Vec3, Vec<f32>) {
+    let median = |axis: usize| {
+        let mut positions: Vec<f32> = photons.iter().map(|photon| photon.position[axis]).collect();
+        let middle = positions.len() / 2;
+        *positions.select_nth_unstable_by(middle, f32::total_cmp).1
+    };
+    let centre = Vec3::from([0, 1, 2].map(median));
+    let mut distances: Vec<f32> = photons.iter().map(|photon| distance(photon, centre)).collect();
+    let mut half = distances.iter().copied().fold(0.0, f32::max);
+    let mut cubes = Vec::new();
+    while cubes.len() < MAX_CUBES {
+        let dense = (DENSE_SHARE * (distances.len() - 1) as f64) as usize;
+        let inner = MARGIN * *distances.select_nth_unstable_by(dense, f32::total_cmp).1;
+        if inner == 0.0 || MIN_RATIO * inner > half {
+            break;
         }
+        half = inner;
+        cubes.push(half);
+        distances.retain(|distance| *distance <= half);
+    }
+    (centre, cubes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    /// `count` photons on a horizontal square, `half` of its side from `centre`.
+    fn square(random: &mut Random, centre: Vec3, half: f64, count: usize) -> Vec<Photon> {
+        let mut across = || (half * (2.0 * random.uniform() - 1.0)) as f32;
+        let position = |_| (centre + Vec3::new(across(), 0.0, across())).to_array();
+        (0..count).map(position).map(|position| Photon { position, word: 0 }).collect()
+    }
+
+    #[test]
+    fn even_photons_have_no_dense_cubes() {
+        let mut random = Random(1);
+        for count in [1, 2, 3, 1000] {
+            assert_eq!(dense_cubes(&square(&mut random, Vec3::X, 0.5, count)).1, [0.0; 0], "{count} photons");
+        }
+        // No cube is narrower than a point.
+        let twins = vec![Photon { position: [0.1, 0.2, 0.3], word: 0 }; 100];
+        assert_eq!(dense_cubes(&twins), (Vec3::new(0.1, 0.2, 0.3), Vec::new()));
+    }
+
+    /// Spots within spots, each a tenth as wide, with a share of the photons that leaves little around them.
+    #[test]
+    fn dense_cubes_enclose_the_spots() {
+        let mut random = Random(2);
+        let centre = Vec3::new(0.3, -0.1, 0.2);
+        let halves = [0.5, 0.05, 0.005];
+        let spots = halves.iter().zip([100, 1000, 10_000]);
+        let photons: Vec<Photon> = spots.flat_map(|(half, n)| square(&mut random, centre, *half, n)).collect();
+        let (found, cubes) = dense_cubes(&photons);
+        // Nine tenths of the photons are in the smallest spot: the median is within a hundredth of its width.
+        assert!((found - centre).abs().max_element() < 1e-4, "{found}");
+        assert_eq!(cubes.len(), 1, "{cubes:?}: four fifths are in the smallest spot");
+        // A cube reaches beyond the photons that make it dense.
+        let dense = 0.005 * (0.8f32 * 1.11).sqrt();
+        assert!((cubes[0] / (MARGIN * dense) - 1.0).abs() < 0.05, "{cubes:?}");
+        // Without a dense spot in the middle, the next one is found.
+        let (_, wider) = dense_cubes(&photons[..1100]);
+        assert!(wider.len() == 1 && wider[0] > 0.05 && wider[0] < 0.08, "{wider:?}");
     }
 }

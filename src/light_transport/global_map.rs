@@ -9,7 +9,7 @@ use crate::passes::Tile;
 use crate::passes::flux::{Flux, FluxPhotons, FluxSettings};
 use crate::passes::grid::Grid;
 use crate::passes::irradiance::{
-    BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_IRRADIANCE_POINT_RAY, ShownMap,
+    BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_IRRADIANCE_POINT_RAY, Shell, ShownMap,
     irradiance_point_grid,
 };
 use crate::settings::Settings;
@@ -112,7 +112,7 @@ impl GlobalMap {
         if shown {
             totals.indirect_bytes += map.bytes;
             let unshadowed = if settings.technique.has_negative_photons() { scene.lights.len() as u32 } else { 0 };
-            let shown = ShownMap { map: &map, step: photons.step, shrink: 1.0, unshadowed };
+            let shown = ShownMap { map: &map, step: photons.step, shrink: 1.0, unshadowed, shell: Shell::ALL };
             show = Some(kernels.irradiance.bind_show(gpu, tile, gpu_scene, &shown)?);
         }
         totals.indirect = counts;

@@ -21,6 +21,12 @@ shared_struct! {
         step: f32,
         shrink: f32,
         first_light: u32,
+        centre: [f32; 3],
+        inner: f32,
+        outer: f32,
+        /// To a multiple of 16 bytes.
+        padding: u32,
+        more_padding: [u32; 2],
     }
 }
 
@@ -133,7 +139,7 @@ impl Irradiance {
             count: points.count,
             step: step as f32,
             shrink: 1.0,
-            first_light: 0,
+            ..IrradianceParameters::default()
         };
         let mut frame = gpu.frame("irradiance");
         frame.run(&bound, points.count, &parameters);
@@ -161,6 +167,24 @@ pub struct ShownMap<'a> {
     pub shrink: f64,
     /// Lights whose unshadowed light is added.
     pub unshadowed: u32,
+    /// The points of the tile that use the caustic map.
+    pub shell: Shell,
+}
+
+/// The points between two cubes around a centre, in normalised space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shell {
+    /// The centre.
+    pub centre: [f32; 3],
+    /// Distance of the inner cube's faces from it; points on these are in the cube. Negative if there is no inner cube.
+    pub inner: f32,
+    /// Distance of the outer cube's faces.
+    pub outer: f32,
+}
+
+impl Shell {
+    /// All points.
+    pub const ALL: Shell = Shell { centre: [0.0; 3], inner: -1.0, outer: f32::MAX };
 }
 
 /// Entry point `show` or `caustics`, bound to a tile.
@@ -170,6 +194,7 @@ pub struct BoundShow {
     step: f32,
     shrink: f32,
     unshadowed: u32,
+    shell: Shell,
 }
 
 impl Irradiance {
@@ -211,8 +236,8 @@ impl Irradiance {
     ) -> Result<BoundShow> {
         let own = ShowBindings { radiance_indirect: tile.required_indirect("irradiance")?, counters: &tile.counters };
         let kernel = self.kernel.bind(gpu, entry, &[&own, tile, shown.map, scene])?;
-        let ShownMap { map, step, shrink, unshadowed } = *shown;
-        Ok(BoundShow { kernel, shape: map.shape, step: step as f32, shrink: shrink as f32, unshadowed })
+        let ShownMap { map, step, shrink, unshadowed, shell } = *shown;
+        Ok(BoundShow { kernel, shape: map.shape, step: step as f32, shrink: shrink as f32, unshadowed, shell })
     }
 }
 
@@ -220,9 +245,19 @@ impl BoundShow {
     /// Estimates the light of the map at the tile's points.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
         let count = tile.point_count;
-        let Self { shape: grid, step, shrink, unshadowed, .. } = *self;
+        let Self { shape: grid, step, shrink, unshadowed, shell: Shell { centre, inner, outer }, .. } = *self;
         for first_light in (0..unshadowed.max(1)).step_by(UNSHADOWED_LIGHTS as usize) {
-            let parameters = IrradianceParameters { grid, count, step, shrink, first_light };
+            let parameters = IrradianceParameters {
+                grid,
+                count,
+                step,
+                shrink,
+                first_light,
+                centre,
+                inner,
+                outer,
+                ..IrradianceParameters::default()
+            };
             frame.run(&self.kernel, count, &parameters);
         }
     }

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3, Vec4};
 use penumbra::internal::scene::{LightKind, Material, Specular, Transmission};
 use penumbra::{Aov, Image, Settings, Technique};
 
-use crate::meshes::{camera, cube, inside_out, panorama, scene, square, surface};
+use crate::meshes::{camera, cube, inside_out, panorama, scene, sphere, square, surface};
 use crate::setup::{deviation, mean_and_error, reference_file, render, render_scene, scene_file};
 
 fn settings(technique: Technique, size: [u32; 2], spp: u32, max_bounces: u32) -> Settings {
@@ -141,6 +141,30 @@ fn photons_classify_points_behind_glass() {
         "{differing} pixels are dark either with or without the pane only"
     );
     assert!(points_behind.boundary_share < 1.5 * points.boundary_share + 0.02, "{points:?} {points_behind:?}");
+}
+
+/// Caustics are as sharp on a plain as on a table, although many of their photons arrive metres away: those that a ball
+/// of metal reflects. The camera sees where a ball of glass lets light through into its own shadow.
+#[test]
+fn caustics_are_sharp_on_a_wide_plain() {
+    let of = |half: f64| {
+        let floor = square(DVec3::ZERO, half * DVec3::X, half * DVec3::NEG_Z);
+        let balls = [0.0, 1.5].map(|z| sphere(DVec3::new(0.0, 0.45, z), 0.4, 24));
+        let mirror = Material { metallic: 1.0, roughness: 0.0, ..surface(0.9, 0.0) };
+        let lamp = square(DVec3::new(-2.0, 2.45, 0.0), DVec3::new(0.1, 0.1, 0.0), DVec3::Z * 0.1);
+        let view = camera(DVec3::new(0.5, 1.5, 0.6), DVec3::new(0.0, -1.5, -0.6), 0.3);
+        let [glassy, polished] = balls;
+        let objects = [(glassy, glass()), (polished, mirror), (lamp, surface(0.0, 200.0))];
+        let meshes: Vec<_> = objects.into_iter().chain([(floor, surface(0.5, 0.0))]).collect();
+        let settings = settings(Technique::TWO_PASS, [16, 16], 64, 8);
+        let (image, statistics) = render_scene(scene(&meshes, Vec::new()), &view, &settings);
+        assert!(statistics.indirect.caustics > 1000, "{:?}", statistics.indirect);
+        mean_and_error(&image, "G").0
+    };
+    let (table, plain) = (of(2.0), of(200.0));
+    println!("{table} on a table, {plain} on a plain");
+    // The noise of some hundred thousand photons for each. Without grids within grids it was 0.056.
+    assert!((plain / table - 1.0).abs() < 0.03, "{table} on a table, {plain} on a plain");
 }
 
 /// A thin pane transmits what it does not reflect. It lies between a floor and a small lamp, so the floor's light comes

@@ -9,7 +9,7 @@ use penumbra::internal::kernels::{GridShape, INVALID_POINT, compose, compose_sou
 use penumbra::internal::passes::Point;
 use penumbra::internal::passes::grid::{Grid, Photon, SortedPhotons};
 use penumbra::internal::passes::irradiance::{
-    IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, irradiance_point_grid,
+    IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, Shell, irradiance_point_grid,
 };
 use penumbra::internal::specialisation::features::Feature;
 use penumbra::internal::specialisation::kernels::sorting_grid;
@@ -107,7 +107,11 @@ impl Bench {
             .with("counters", &counters);
         let bound = self.kernel.bind(gpu, "irradiance", &[&own, map, &self.stage.gpu_scene]).unwrap();
         let mut frame = gpu.frame("test");
-        frame.run(&bound, irradiance_points.count, &parameters(map, irradiance_points.count, [step, 1.0]));
+        frame.run(
+            &bound,
+            irradiance_points.count,
+            &parameters(map, irradiance_points.count, ([step, 1.0], Shell::ALL)),
+        );
         frame.submit().unwrap();
         let mut irradiances: Vec<[f32; 4]> = gpu.read(&irradiances, texels + BEYOND).unwrap();
         let beyond = irradiances.split_off(texels);
@@ -145,7 +149,7 @@ impl Bench {
         map: &SortedPhotons,
         points: &[Point],
         surfaces: &[[f32; 4]],
-        of: [f32; 2],
+        of: ([f32; 2], Shell),
     ) -> Vec<[f32; 4]> {
         let count = points.len();
         let mut before = vec![[if entry == "show" { f32::from_bits(POISON) } else { 1.0 }; 4]; count];
@@ -170,11 +174,13 @@ impl Bench {
     }
 }
 
-/// Immediates: a step of flux, and the radius of a disc over that of a disc with k photons.
-fn parameters(map: &SortedPhotons, count: u32, [step, shrink]: [f32; 2]) -> [u32; 12] {
-    let mut parameters = [0; 12];
+/// Immediates: a step of flux, the radius of a disc over that of a disc with k photons, and the points that count.
+fn parameters(map: &SortedPhotons, count: u32, ([step, shrink], shell): ([f32; 2], Shell)) -> [u32; 20] {
+    let mut parameters = [0; 20];
     parameters[..8].copy_from_slice(&bytemuck::cast::<GridShape, [u32; 8]>(map.shape));
     parameters[8..11].copy_from_slice(&[count, step.to_bits(), shrink.to_bits()]);
+    parameters[12..15].copy_from_slice(&shell.centre.map(f32::to_bits));
+    parameters[15..17].copy_from_slice(&[shell.inner, shell.outer].map(f32::to_bits));
     parameters
 }
 
@@ -786,7 +792,12 @@ fn shown_points_are_those_of_brute_force(gpu: &Gpu) {
     let mut random = Random(11);
     let photons = photons_of_any_flux(&rectangles, 5000, &mut random);
     let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
-    for (entry, feature, shrink) in [("show", Feature::PhotonMap, 1.0), ("caustics", Feature::Caustics, 0.6f32)] {
+    let shell = Shell { centre: [0.1, -0.3, 0.05], inner: 0.2, outer: 0.5 };
+    for (entry, feature, shrink, shell) in [
+        ("show", Feature::PhotonMap, 1.0, Shell::ALL),
+        ("caustics", Feature::Caustics, 0.6f32, Shell::ALL),
+        ("caustics", Feature::Caustics, 0.6f32, shell),
+    ] {
         let bench = Bench::with(gpu, &rectangles, Some(feature));
         let map = bench.sort(gpu, &photons, shape);
         for count in [0usize, 1, 63, 64, 65, 300] {
@@ -798,13 +809,16 @@ fn shown_points_are_those_of_brute_force(gpu: &Gpu) {
                 .collect();
             let surfaces: Vec<[f32; 4]> =
                 (0..count).map(|i| [0, 1, 2, 3].map(|_| if i % 11 == 5 { 0.0 } else { random.unit() })).collect();
-            let shown = bench.show(gpu, entry, &map, &points, &surfaces, [STEP, shrink]);
-            let mut estimates = 0;
+            let shown = bench.show(gpu, entry, &map, &points, &surfaces, ([STEP, shrink], shell));
+            let (mut estimates, mut others) = (0, 0);
             for ((point, [r, g, b, _]), value) in points.iter().zip(&surfaces).zip(&shown) {
                 let albedo = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
                 let before = if entry == "show" { 0.0 } else { 1.0 };
                 let mut expected = DVec3::splat(before);
-                if point.normal != INVALID_POINT {
+                let distance = (Vec3::from(point.position) - Vec3::from(shell.centre)).abs().max_element();
+                let is_in_shell = distance > shell.inner && distance <= shell.outer;
+                others += usize::from(!is_in_shell);
+                if point.normal != INVALID_POINT && is_in_shell {
                     let (x, n) = (Vec3::from(point.position), point_normal(point.normal));
                     let radius = radius_at(&photons, &shape, x, f64::from(shrink), 1.0);
                     // Focused light has no probes.
@@ -838,7 +852,9 @@ fn shown_points_are_those_of_brute_force(gpu: &Gpu) {
                     assert!(weak || off(before + (expected - before) * 1.01) > 1.0, "a hundredth too much would pass");
                 }
             }
-            assert!(count < 300 || estimates > 150, "{entry}: {estimates} points of {count} have an estimate");
+            let expected = if shell == Shell::ALL { 150..300 } else { 20..150 };
+            assert!(count < 300 || expected.contains(&estimates), "{entry}: {estimates} points have an estimate");
+            assert!(count < 300 || (others > 50) == (shell != Shell::ALL), "{others} points outside of {shell:?}");
         }
     }
 }
@@ -858,7 +874,8 @@ fn points_beyond_an_axis_of_groups_are_shown(gpu: &Gpu) {
     let surfaces = vec![[1.0; 4]; points.len()];
     for (entry, feature, before) in [("show", Feature::PhotonMap, 0.0), ("caustics", Feature::Caustics, 1.0)] {
         let bench = Bench::with(gpu, &rectangles, Some(feature));
-        let shown = bench.show(gpu, entry, &bench.sort(gpu, &photons, shape), &points, &surfaces, [1e-4, 1.0]);
+        let shown =
+            bench.show(gpu, entry, &bench.sort(gpu, &photons, shape), &points, &surfaces, ([1e-4, 1.0], Shell::ALL));
         let changed: Vec<usize> = (0..shown.len()).filter(|&i| shown[i][0] != before).collect();
         assert!(changed.iter().all(|i| estimates.contains(i)), "{entry}: written at invalid points");
         assert!(changed.len() > 40, "{entry}: {} of the last points are estimated", changed.len());
