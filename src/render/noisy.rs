@@ -6,7 +6,7 @@ use kernel_kit::Gpu;
 use rayon::prelude::*;
 
 use super::denoise::chance::{Seen, settled};
-use super::denoise::mixture::Distribution;
+use super::denoise::mixture::of_regions;
 use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part, RELMSE_FLOOR, relative};
 use super::picture::{Quantity, Sums, behind, colour_of, means};
 use super::tiles::first_half;
@@ -54,11 +54,13 @@ pub(super) fn add_denoised(
 }
 
 /// Adds errors that all samples share, which their halves do not show, to the estimated `errors`: the relMSE `shared`
-/// of the pixels, as a mean over regions. No denoiser removes them.
+/// of the pixels, as a mean over regions. No denoiser removes them. Pixels without any, such as those of a lamp, have
+/// none; but near the others a change by chance is 0 along lines, where the error is as large as around them.
 fn add_shared(errors: &mut [Colour], colours: &[Colour], shared: &[f32], noisy: &Noisy) {
-    let shared = Distribution::new(&shared.iter().copied().map(f64::from).collect::<Vec<_>>(), noisy.size).values;
-    for (i, error) in errors.iter_mut().enumerate().filter(|(i, _)| !noisy.is_clean[*i]) {
-        let square = |c: usize| shared[i] * (f64::from(colours[i][c]).powi(2) + RELMSE_FLOOR);
+    let means = |value: &dyn Fn(&f32) -> f64| of_regions(&shared.iter().map(value).collect::<Vec<_>>(), noisy.size);
+    let (sums, counts) = (means(&|error| f64::from(*error)), means(&|error| f64::from(u8::from(*error > 0.0))));
+    for (i, error) in errors.iter_mut().enumerate().filter(|(i, _)| shared[*i] > 0.0 && !noisy.is_clean[*i]) {
+        let square = |c: usize| sums[i] / counts[i] * (f64::from(colours[i][c]).powi(2) + RELMSE_FLOOR);
         *error = [0, 1, 2].map(|c| f64::from(error[c]).hypot(square(c).sqrt()) as f32);
     }
 }

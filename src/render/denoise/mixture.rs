@@ -286,16 +286,16 @@ fn solve(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
 }
 
 /// Means of values over the regions around all pixels, and how they are distributed within the regions.
-pub(in crate::render) struct Distribution {
+struct Distribution {
     /// The means over the regions.
     means: Vec<f64>,
     /// The same in all, but less where a pixel's immediate neighbourhood has less than its region: a lamp without noise
     /// beside a noisy wall has no error.
-    pub(in crate::render) values: Vec<f64>,
+    values: Vec<f64>,
 }
 
 impl Distribution {
-    pub(in crate::render) fn new(values: &[f64], size: [u32; 2]) -> Distribution {
+    fn new(values: &[f64], size: [u32; 2]) -> Distribution {
         let means = of_regions(values, size);
         let near = smooth(&smooth(values, size, NEAR), size, NEAR);
         let weights: Vec<f64> = near.iter().zip(&means).map(|(near, mean)| near.min(*mean)).collect();
@@ -306,7 +306,7 @@ impl Distribution {
 }
 
 /// Means over the regions around all pixels.
-pub(super) fn of_regions(values: &[f64], size: [u32; 2]) -> Vec<f64> {
+pub(in crate::render) fn of_regions(values: &[f64], size: [u32; 2]) -> Vec<f64> {
     smooth(&smooth(values, size, RADIUS), size, RADIUS)
 }
 
