@@ -38,7 +38,7 @@ const MARGIN: f32 = 1.5;
 /// the inner one as around it, and the cells of its grid a quarter as wide.
 const MIN_RATIO: f32 = 4.0;
 
-/// Maximum number of cubes within each other. With six, the widest may be 4,096 times as wide as the narrowest.
+/// Maximum number of cubes within each other. With six, the narrowest is at most a 4,096th of all photons' width.
 const MAX_CUBES: usize = 6;
 
 /// The map of 8 samples, bound to a tile.

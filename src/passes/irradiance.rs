@@ -190,11 +190,9 @@ impl Shell {
 /// Entry point `show` or `caustics`, bound to a tile.
 pub struct BoundShow {
     kernel: BoundKernel,
-    shape: GridShape,
-    step: f32,
-    shrink: f32,
+    /// Without the points of a tile and the first light.
+    parameters: IrradianceParameters,
     unshadowed: u32,
-    shell: Shell,
 }
 
 impl Irradiance {
@@ -236,8 +234,11 @@ impl Irradiance {
     ) -> Result<BoundShow> {
         let own = ShowBindings { radiance_indirect: tile.required_indirect("irradiance")?, counters: &tile.counters };
         let kernel = self.kernel.bind(gpu, entry, &[&own, tile, shown.map, scene])?;
-        let ShownMap { map, step, shrink, unshadowed, shell } = *shown;
-        Ok(BoundShow { kernel, shape: map.shape, step: step as f32, shrink: shrink as f32, unshadowed, shell })
+        let ShownMap { map, step, shrink, unshadowed, shell: Shell { centre, inner, outer } } = *shown;
+        let (step, shrink) = (step as f32, shrink as f32);
+        let others = IrradianceParameters::default();
+        let parameters = IrradianceParameters { grid: map.shape, step, shrink, centre, inner, outer, ..others };
+        Ok(BoundShow { kernel, parameters, unshadowed })
     }
 }
 
@@ -245,19 +246,8 @@ impl BoundShow {
     /// Estimates the light of the map at the tile's points.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
         let count = tile.point_count;
-        let Self { shape: grid, step, shrink, unshadowed, shell: Shell { centre, inner, outer }, .. } = *self;
-        for first_light in (0..unshadowed.max(1)).step_by(UNSHADOWED_LIGHTS as usize) {
-            let parameters = IrradianceParameters {
-                grid,
-                count,
-                step,
-                shrink,
-                first_light,
-                centre,
-                inner,
-                outer,
-                ..IrradianceParameters::default()
-            };
+        for first_light in (0..self.unshadowed.max(1)).step_by(UNSHADOWED_LIGHTS as usize) {
+            let parameters = IrradianceParameters { count, first_light, ..self.parameters };
             frame.run(&self.kernel, count, &parameters);
         }
     }

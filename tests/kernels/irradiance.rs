@@ -992,12 +992,7 @@ fn look_ups_visit_a_limited_number_of_irradiance_points(gpu: &Gpu) {
     let rectangles = corner_and_cube();
     let bench = Bench::new(gpu, &rectangles);
     let mut random = Random(5);
-    let photons: Vec<Photon> = (0..5000)
-        .map(|_| {
-            let (position, normal) = somewhere(&rectangles, &mut random);
-            carrying(position, normal, [16; 3])
-        })
-        .collect();
+    let photons = photons_of_any_flux(&rectangles, 5000, &mut random);
     let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
     let map = bench.sort(gpu, &photons, shape);
     let pass = Irradiance::new(gpu, &bench.stage.features, &bench.stage.gpu_scene.constants()).unwrap();

@@ -58,7 +58,7 @@ pub struct Candidate<'a> {
 pub struct Mixed {
     /// The image.
     pub colour: Vec<Colour>,
-    /// The estimated standard errors of each pixel: root mean squares over its region.
+    /// The estimated standard errors of each pixel: those of its region, distributed within it (`Distribution`).
     pub error: Vec<Colour>,
 }
 
