@@ -285,27 +285,25 @@ fn blurred_surface(s: Surface, spread: f32) -> Surface {
     return seen;
 }
 
-// The ratio of reflected radiance to the irradiance of the geometric surface, where a path ends. A dielectric layer
-// counts with its mean reflectance, spread as the base's light is: traced paths would find its highlights of small
-// lights with few rays, each as bright as the light. A bent shading normal receives only part of the light.
+// The ratio of reflected radiance to irradiance, where a path ends. A dielectric layer counts with its mean
+// reflectance, spread as the base's light is: traced paths would find its highlights of small lights with few rays,
+// each as bright as the light.
 fn bsdf_seen_afar(s: Surface) -> vec3f {
-    let cosine = max(dot(s.shading_normal, s.geometric_normal), 0.0);
     @if(glossy) {
         if !reflects_more(s) {
-            let facing = cosine / PI;
             var base = mean_with_specular(s.specular, s.albedo);
             @each(wide_layer) { base = NAME_mean(s.NAME, base); }
             var reflected = 0.0;
             @each(glossy_layer) {
-                let layer = NAME_seen_afar(s.NAME, facing, s.geometric_normal);
+                let layer = NAME_seen_afar(s.NAME);
                 base *= layer.y;
                 reflected = reflected * layer.y + layer.x;
             }
-            return base * facing + reflected;
+            return (base + reflected) / PI;
         }
     }
     // Paths continue with the residual.
-    return bsdf_diffuse(s) * cosine;
+    return bsdf_diffuse(s);
 }
 
 // ---- Sampling

@@ -358,7 +358,11 @@ fn known_light(surface: Surface, position: vec3f, normal: vec3f, spread: f32) ->
         light.focusing = focuses(surface);
         light.all = light.all && !light.focusing;
     }
-    if light.all { light.radiance = bsdf_seen_afar(surface) * known.value; }
+    if light.all {
+        light.radiance = bsdf_seen_afar(surface) * known.value;
+        // With negative photons, irradiance is that of the triangle, and a bent shading normal receives part of it.
+        @if(negative_photons) { light.radiance *= max(dot(surface.shading_normal, normal), 0.0); }
+    }
     @if(caustic_irradiance) {
         light.caustic = !light.all && !light.focusing && known.radius < FAR;
         if light.caustic { light.radiance = bsdf_diffuse(surface) * load_caustic_irradiance(known.point); }

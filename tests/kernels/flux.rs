@@ -1,6 +1,7 @@
 //! Pass `flux`: photons carry exactly the power of the lights to the surfaces, and their encoding keeps the mean.
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use glam::{DVec3, Vec3, Vec4};
 use kernel_kit::{Gpu, POISON, Resources, kernel_test};
@@ -273,6 +274,83 @@ fn photons_lie_as_light_does(gpu: &Gpu) {
     };
     chi_square(&counts, &expected(0.0), 1).unwrap();
     chi_square(&counts, &expected(0.1), 1).expect_err("a light that is moved");
+}
+
+/// A panel with bent shading normals receives and reflects light as paths see it: a spot light shines on it, and it
+/// shines on a board above. With the cosines to its triangles in place of those to its shading normals, the light would
+/// be another (Veach 1997, section 5.3).
+#[kernel_test("PENUMBRA_DEVICE")]
+fn shading_normals_reflect_as_in_paths(gpu: &Gpu) {
+    const ALBEDO: f64 = 0.9;
+    const HALF: f64 = 0.1;
+    const BOARD_HALF: f64 = 0.15;
+    let (lamp, intensity) = (DVec3::new(-0.3, 0.3, 0.0), 5.0);
+    let (floor, board) = (DVec3::new(0.0, -0.3, 0.0), DVec3::new(0.15, 0.3, 0.1));
+    let towards = (floor - lamp).normalize();
+    let light = LightKind::Spot {
+        position: lamp.as_vec3(),
+        direction: towards.as_vec3(),
+        intensity: Vec3::splat(intensity as f32),
+        // All of the panel is within the inner cone: its corners are 0.14 from its middle, which is 0.67 away.
+        cos_inner: 0.96,
+        cos_outer: 0.955,
+        range: f32::INFINITY,
+    };
+    // Bent by 59 and by 53 degrees, so that rays leave the triangle itself and not a smooth surface above it. The first
+    // faces away from the lamp, the second from the board.
+    for bent in [DVec3::new(0.7, 0.6, -0.39), DVec3::new(-0.7, 0.6, 0.39)].map(DVec3::normalize) {
+        let panel = (square(floor, DVec3::Z * HALF, DVec3::X * HALF), surface(ALBEDO as f32, 0.0));
+        let above = (square(board, DVec3::X * BOARD_HALF, DVec3::Z * BOARD_HALF), surface(0.5, 0.0));
+        let mut scene = scene(&[panel, above, room(0.0)], vec![light.clone()]);
+        for triangle in scene.triangles.iter().filter(|triangle| triangle.material == 0) {
+            for vertex in triangle.vertices {
+                Arc::make_mut(&mut scene.vertices)[vertex as usize].normal = bent.as_vec3();
+            }
+        }
+        let stage = stage(gpu, scene);
+        let arrived = Traced::new(gpu, &stage, 1 << 18, 0);
+        let reflected = Traced::new(gpu, &stage, 1 << 18, 1);
+        // Midpoints of a grid, in each of which light changes by a few percent.
+        const N: usize = 12;
+        let at = |k: usize| 2.0 * (k as f64 + 0.5) / N as f64 - 1.0;
+        let grid = |half: f64| (0..N * N).map(move |k| DVec3::new(at(k % N), 0.0, at(k / N)) * half);
+        let area = |half: f64| (2.0 * half / N as f64).powi(2);
+        // Irradiance of the panel by a normal, times the area of a piece.
+        let irradiance = |x: DVec3, normal: DVec3| {
+            let to = lamp - x;
+            intensity * to.normalize().dot(normal).max(0.0) / to.length_squared() * area(HALF)
+        };
+        // Power that reaches the panel; and by way of it the board, with the cosines of `received` and `sent`.
+        let on_panel = |normal| grid(HALF).map(|x| irradiance(floor + x, normal)).sum::<f64>();
+        let on_board = |received: DVec3, sent: DVec3| {
+            let pieces = grid(HALF).flat_map(|x| grid(BOARD_HALF).map(move |y| (floor + x, board + y)));
+            let carried = pieces.map(|(x, y)| {
+                let d = (y - x).normalize();
+                let faced = d.dot(bent) > 0.0;
+                let cosines = if faced { d.dot(sent).max(0.0) * d.y } else { 0.0 };
+                irradiance(x, received) * ALBEDO / PI * cosines / (y - x).length_squared() * area(BOARD_HALF)
+            });
+            carried.sum::<f64>()
+        };
+        let check = |power: f64, photons: usize, error: f64, expected: f64, planted: f64| {
+            assert!(photons > 500, "{photons} photons are no test");
+            z_test(power, error, expected, 4).unwrap_or_else(|e| panic!("{bent}: {e}"));
+            z_test(power, error, planted, 4).expect_err("the cosine to the triangle");
+        };
+        let is_low = |p: &Photon| p.position[1] < 0.0;
+        let squares = |photons: &[Photon], low: bool| {
+            let fluxes = photons.iter().filter(|p| is_low(p) == low).map(|p| steps(p.word).x);
+            (fluxes.clone().count(), fluxes.map(|f| f * f).sum::<f64>().sqrt())
+        };
+        // The variance of a sum of independent photons is at most the sum of their squares.
+        let (count, spread) = squares(&arrived.photons, true);
+        let power = arrived.power(|p| p.y < 0.0).x;
+        check(power, count, spread * arrived.step, on_panel(bent), on_panel(DVec3::Y));
+        // The lamp does not shine on the board, so all of its photons come from the panel.
+        let (count, spread) = squares(&reflected.photons, false);
+        let power = reflected.power(|p| p.y > 0.0).x;
+        check(power, count, spread * reflected.step, on_board(bent, DVec3::Y), on_board(DVec3::Y, bent));
+    }
 }
 
 /// A mirror above a point light marks what it reflects: photons of the light's image behind it, with the power that the

@@ -12,7 +12,7 @@
 };
 @if(clearcoat) import package::lib::material::load_material_texel;
 @if(coat_normals && textures) import package::lib::material::texture_info;
-@if(coat_normals) import package::lib::math::{PI, basis, oct_decode16, oct_encode16};
+@if(coat_normals) import package::lib::math::{basis, oct_decode16, oct_encode16};
 @if(coat_normals) import package::lib::shading_normal::{bent_to, mapped_normal};
 
 @if(clearcoat)
@@ -183,16 +183,12 @@ fn clearcoat_chance(lobe: Clearcoat, pair: LayerPair, below: f32) -> LayerChance
     return LayerChance(select(0.0, clamp(coat / all, 0.1, 0.9), lobe.factor > 0.0), all);
 }
 
-// The ratio of reflected radiance to the irradiance of the geometric surface, and the share of light that reaches the
-// layers below: means over all directions. `facing` is the cosine of the shading normal to the geometric one, over pi.
+// The shares of light that the coat reflects and that reach the layers below: means over all directions. The coat is
+// taken to receive as much light as the base, also with a normal of its own.
 @if(clearcoat)
-fn clearcoat_seen_afar(lobe: Clearcoat, facing: f32, geometric_normal: vec3f) -> vec2f {
+fn clearcoat_seen_afar(lobe: Clearcoat) -> vec2f {
     let means = lobe_means(lobe.alpha);
     let reflected = dot(vec2f(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y - COAT_REFLECTANCES.x), means);
     let through = 1.0 - lobe.factor * mean_kept(COAT_REFLECTANCES, lobe.alpha);
-    @if(coat_normals) {
-        let coat_facing = max(dot(lobe.normal, geometric_normal), 0.0);
-        return vec2f(lobe.factor * reflected * coat_facing / PI, through);
-    }
-    @else { return vec2f(lobe.factor * reflected * facing, through); }
+    return vec2f(lobe.factor * reflected, through);
 }
