@@ -60,20 +60,26 @@ impl Placed<'_> {
     }
 }
 
-fn build(scene: &Scene) -> Result<Bvh> {
-    let positions = |triangle: usize| scene.triangle_positions(triangle);
-    check(scene.triangles.len(), &positions)?;
-    let flat = scene.flat_triangles();
+/// The instances of a scene, and behind them the triangles that are in no shared mesh, as one more.
+fn placed_instances(scene: &Scene) -> Vec<Placed<'_>> {
     let placed = |instance: &Instance| {
         let vertices = &scene.vertices[scene.shared_meshes[instance.mesh].vertices.clone()];
         Placed { mesh: Some(instance.mesh), vertices, instance: *instance }
     };
-    let mut placed: Vec<Placed> = scene.instances.iter().map(placed).collect();
-    if flat > 0 {
+    let mut all: Vec<Placed> = scene.instances.iter().map(placed).collect();
+    if scene.flat_triangles() > 0 {
         let vertices = &scene.vertices[..scene.shared_meshes[0].vertices.start];
         let instance = Instance { mesh: 0, linear: Mat3::IDENTITY, origin: Vec3::ZERO };
-        placed.push(Placed { mesh: None, vertices, instance });
+        all.push(Placed { mesh: None, vertices, instance });
     }
+    all
+}
+
+fn build(scene: &Scene) -> Result<Bvh> {
+    let positions = |triangle: usize| scene.triangle_positions(triangle);
+    check(scene.triangles.len(), &positions)?;
+    let flat = scene.flat_triangles();
+    let placed = placed_instances(scene);
     let boxes: Vec<Aabb> = placed.par_iter().map(Placed::bounds).collect();
     let balanced = placed.len().next_power_of_two().ilog2() + 1;
     let top = Tree::of_boxes(boxes.len(), |at| boxes[at], 1, balanced.max(TOP_DEPTH))?;
@@ -114,6 +120,8 @@ fn build(scene: &Scene) -> Result<Bvh> {
         triangles.extend(match placed.mesh {
             None => placed.texels(flat_root, 0),
             Some(mesh) => {
+                // Added to the index of a stored triangle (modulo 2^32), the second number gives the primitive index
+                // that the triangle has in this instance.
                 let first = scene.shared_meshes[mesh].triangles.start as u32;
                 placed.texels(roots[mesh], (table.flat + ((number as u32) << shift)).wrapping_sub(first))
             }

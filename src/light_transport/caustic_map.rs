@@ -72,7 +72,7 @@ impl CausticMap {
     ) -> Result<CausticMap> {
         let Shared { gpu, gpu_scene, tile, .. } = *shared;
         let rays = settings.flux_photons().saturating_mul(RAYS_PER_FLUX_RAY);
-        // Other photons for each map, far from the seeds that users count up.
+        // Each map has other photons. Their seeds are far from those of users, who count up from one.
         let seed = settings.image.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
         let flux = FluxSettings { rays, max_bounces: settings.indirect.max_bounces, seed, caustics_only: true };
         let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, flux)?;
@@ -90,30 +90,18 @@ impl CausticMap {
         let photons: Vec<Photon> = gpu.read(&traced.photons, traced.count as usize)?;
         // Knaus and Zwicker 2011, equation 20: the square of the radius falls as the power -1/3 of the maps so far.
         let shrink = f64::from(number + 1).powf(-1.0 / 6.0);
-        let mut shows = Vec::new();
-        let mut bind = |photons: &Buffer, shape: GridShape, count: u32, shell: Shell| -> Result<()> {
+        let bind = |photons: &Buffer, shape: GridShape, count: u32, shell: Shell| -> Result<BoundShow> {
             let sorted = kernels.grid.sort(gpu, photons, count, 1, shape)?;
             let shown = ShownMap { map: &sorted, step: traced.step, shrink, unshadowed: 0, shell };
-            shows.push(kernels.irradiance.bind_caustics(gpu, tile, gpu_scene, &shown)?);
-            Ok(())
+            kernels.irradiance.bind_caustics(gpu, tile, gpu_scene, &shown)
         };
-        // From the innermost cube outwards, because each shell ends where the one within it needs.
-        let (centre, cubes) = dense_cubes(&photons);
-        let mut inner = Shell::ALL.inner;
-        for half in cubes.into_iter().rev() {
-            let is_within = |photon: &&Photon| distance(photon, centre) <= half;
-            let within: Vec<Photon> = photons.iter().filter(is_within).copied().collect();
-            let shape = grid(&within, shrink);
-            // An estimate reads its own cell and those around it: here no further photons are needed.
-            let outer = half - 2.0 * shape.cell;
-            if outer > inner.max(0.0) {
-                let uploaded = gpu.upload("penumbra/caustics/photons", &within)?;
-                bind(&uploaded, shape, within.len() as u32, Shell { centre: centre.into(), inner, outer })?;
-                inner = outer;
-            }
+        let mut shows = Vec::new();
+        let (dense, rest) = dense_shells(&photons, shrink);
+        for DenseShell { shell, shape, within } in dense {
+            let uploaded = gpu.upload("penumbra/caustics/photons", &within)?;
+            shows.push(bind(&uploaded, shape, within.len() as u32, shell)?);
         }
-        let shell = Shell { centre: centre.into(), inner, ..Shell::ALL };
-        bind(&traced.photons, grid(&photons, shrink), traced.count, shell)?;
+        shows.push(bind(&traced.photons, grid(&photons, shrink), traced.count, rest)?);
         Ok(CausticMap { number, shows })
     }
 
@@ -132,6 +120,34 @@ fn grid(photons: &[Photon], shrink: f64) -> GridShape {
     let cells = photons.len() as f64 / (f64::from(PHOTONS_PER_CELL) * shrink * shrink);
     let cells = (cells as u32).clamp(1, MAX_CELLS);
     GridShape::with_photons_per_cell(1.0, bounds, extent.length_squared(), cells, 1)
+}
+
+/// A part of space around dense photons that has a grid of its own.
+struct DenseShell {
+    shell: Shell,
+    shape: GridShape,
+    /// The photons that estimates in the shell may need.
+    within: Vec<Photon>,
+}
+
+/// The shells of dense photons, the innermost first, and the shell around them, which all photons serve.
+fn dense_shells(photons: &[Photon], shrink: f64) -> (Vec<DenseShell>, Shell) {
+    let (centre, cubes) = dense_cubes(photons);
+    let mut inner = Shell::ALL.inner;
+    let mut shells = Vec::new();
+    // From the innermost cube outwards, because a shell begins where the one within it ends.
+    for half in cubes.into_iter().rev() {
+        let is_within = |photon: &&Photon| distance(photon, centre) <= half;
+        let within: Vec<Photon> = photons.iter().filter(is_within).copied().collect();
+        let shape = grid(&within, shrink);
+        // An estimate reads its own cell and those around it, so up to here the photons in the cube are all it needs.
+        let outer = half - 2.0 * shape.cell;
+        if outer > inner.max(0.0) {
+            shells.push(DenseShell { shell: Shell { centre: centre.into(), inner, outer }, shape, within });
+            inner = outer;
+        }
+    }
+    (shells, Shell { centre: centre.into(), inner, ..Shell::ALL })
 }
 
 /// Distance of a photon from the centre of cubes, in half sides of the cube whose face it is on.

@@ -54,14 +54,14 @@ impl CellVisibility {
     }
 }
 
-/// A triangle that lies in one cell, a part of a triangle of the scene.
-struct Piece {
+/// A triangle that lies in one cell: a part of a triangle of the scene.
+struct CellTriangle {
     cell: u32,
     triangle: u32,
     corners: [DVec3; 3],
 }
 
-impl Piece {
+impl CellTriangle {
     fn area(&self) -> f64 {
         let [a, b, c] = self.corners;
         (b - a).cross(c - a).length()
@@ -69,46 +69,46 @@ impl Piece {
 }
 
 /// The surfaces of a scene, cut by cell.
-struct Surfaces(Vec<Piece>);
+struct Surfaces(Vec<CellTriangle>);
 
 impl Surfaces {
     fn new(scene: &Scene, shape: &GridShape) -> Surfaces {
         let triangles = (0..scene.triangles.len()).into_par_iter();
-        let mut pieces: Vec<Piece> = triangles.flat_map_iter(|i| pieces(scene, shape, i)).collect();
-        pieces.par_sort_by_key(|piece| (piece.cell, piece.triangle));
-        Surfaces(pieces)
+        let mut parts: Vec<CellTriangle> = triangles.flat_map_iter(|i| clip_to_cells(scene, shape, i)).collect();
+        parts.par_sort_by_key(|part| (part.cell, part.triangle));
+        Surfaces(parts)
     }
 
     /// `rays` points in each cell that has some surface, stratified by area, cell by cell, in batches of whole cells.
     fn points(&self, rays: u32, seed: u32) -> impl Iterator<Item = Vec<CellPoint>> {
-        let cells: Vec<&[Piece]> = self.0.chunk_by(|a, b| a.cell == b.cell).collect();
+        let cells: Vec<&[CellTriangle]> = self.0.chunk_by(|a, b| a.cell == b.cell).collect();
         let of_batch = (BATCH_RAYS / rays) as usize;
-        let batches: Vec<Vec<&[Piece]>> = cells.chunks(of_batch).map(<[_]>::to_vec).collect();
-        batches.into_iter().map(move |cells| {
-            cells.into_par_iter().flat_map_iter(|pieces| points_of_cell(pieces, rays, seed)).collect()
-        })
+        let batches: Vec<Vec<&[CellTriangle]>> = cells.chunks(of_batch).map(<[_]>::to_vec).collect();
+        batches
+            .into_iter()
+            .map(move |cells| cells.into_par_iter().flat_map_iter(|parts| points_of_cell(parts, rays, seed)).collect())
     }
 }
 
-fn points_of_cell(pieces: &[Piece], rays: u32, seed: u32) -> impl Iterator<Item = CellPoint> {
-    let mut random = Random(u64::from(seed) << 32 | u64::from(pieces[0].cell));
-    let total: f64 = pieces.iter().map(Piece::area).sum();
-    let (mut next, mut below) = (0, pieces[0].area());
+fn points_of_cell(parts: &[CellTriangle], rays: u32, seed: u32) -> impl Iterator<Item = CellPoint> {
+    let mut random = Random(u64::from(seed) << 32 | u64::from(parts[0].cell));
+    let total: f64 = parts.iter().map(CellTriangle::area).sum();
+    let (mut next, mut below) = (0, parts[0].area());
     (0..rays).map(move |ray| {
         let at = total * (f64::from(ray) + random.uniform()) / f64::from(rays);
-        while below < at && next + 1 < pieces.len() {
+        while below < at && next + 1 < parts.len() {
             next += 1;
-            below += pieces[next].area();
+            below += parts[next].area();
         }
-        let Piece { corners: [a, b, c], triangle, .. } = pieces[next];
+        let CellTriangle { corners: [a, b, c], triangle, .. } = parts[next];
         let (root, v) = (random.uniform().sqrt(), random.uniform());
         let position = a + (b - a) * (root * (1.0 - v)) + (c - a) * (root * v);
         CellPoint { position: position.as_vec3().to_array(), triangle }
     })
 }
 
-/// The parts of a triangle by cell: cut into slabs along x, these along y, and these along z.
-fn pieces(scene: &Scene, shape: &GridShape, triangle: usize) -> Vec<Piece> {
+/// The parts of a triangle by cell. It is cut into slabs along x, these into columns along y, and these along z.
+fn clip_to_cells(scene: &Scene, shape: &GridShape, triangle: usize) -> Vec<CellTriangle> {
     let mut found = Vec::new();
     let corners = scene.triangle_positions(triangle).map(|p| p.as_dvec3());
     slabs(&corners, shape, 0, &mut |x, slab| {
@@ -116,8 +116,8 @@ fn pieces(scene: &Scene, shape: &GridShape, triangle: usize) -> Vec<Piece> {
             slabs(column, shape, 2, &mut |z, part| {
                 let cell = (z * shape.size[1] + y) * shape.size[0] + x;
                 let fans = (2..part.len()).map(|i| [part[0], part[i - 1], part[i]]);
-                let pieces = fans.map(|corners| Piece { cell, triangle: triangle as u32, corners });
-                found.extend(pieces.filter(|piece| piece.area() > 0.0));
+                let triangles = fans.map(|corners| CellTriangle { cell, triangle: triangle as u32, corners });
+                found.extend(triangles.filter(|part| part.area() > 0.0));
             });
         });
     });
@@ -171,7 +171,7 @@ mod tests {
     use super::*;
     use crate::scene::{NO_LIGHT, Triangle, Vertex};
 
-    /// Triangles across a grid are cut into pieces that lie in their cells, and lose no area; points lie on the
+    /// Triangles across a grid are cut into parts that lie in their cells, and lose no area; points lie on the
     /// triangle, in their cell, the given number in each, and spread over it by area.
     #[test]
     fn triangles_are_cut_at_cells() {
@@ -190,15 +190,15 @@ mod tests {
         };
         for i in 0..scene.triangles.len() {
             let [a, b, c] = scene.triangle_positions(i).map(|p| p.as_dvec3());
-            let pieces = pieces(&scene, &shape, i);
-            let area: f64 = pieces.iter().map(Piece::area).sum();
+            let parts = clip_to_cells(&scene, &shape, i);
+            let area: f64 = parts.iter().map(CellTriangle::area).sum();
             let whole = (b - a).cross(c - a).length();
             assert!((area - whole).abs() < 1e-9 * whole, "triangle {i}: {area} of {whole}");
-            for piece in &pieces {
-                let middle = (piece.corners[0] + piece.corners[1] + piece.corners[2]) / 3.0;
+            for part in &parts {
+                let middle = (part.corners[0] + part.corners[1] + part.corners[2]) / 3.0;
                 let [x, y, z] = cell_of(middle).1;
-                assert_eq!(piece.cell, (z * shape.size[1] + y) * shape.size[0] + x);
-                for corner in piece.corners {
+                assert_eq!(part.cell, (z * shape.size[1] + y) * shape.size[0] + x);
+                for corner in part.corners {
                     let (at, _) = cell_of(corner);
                     let from = (at - DVec3::new(f64::from(x), f64::from(y), f64::from(z)) - 0.5).abs().max_element();
                     assert!(from < 0.5 + 1e-5, "a corner {from} from the middle of its cell");
@@ -224,15 +224,15 @@ mod tests {
         // end. The mean of its points is its centroid, within five standard errors of independent points.
         let rays = 4000;
         let surfaces = Surfaces::new(&scene, &GridShape::over_scene(&scene, 1));
-        let total: f64 = surfaces.0.iter().map(Piece::area).sum();
+        let total: f64 = surfaces.0.iter().map(CellTriangle::area).sum();
         let points: Vec<_> = surfaces.points(rays, 1).flatten().collect();
         assert_eq!((surfaces.0.len(), points.len()), (scene.triangles.len(), rays as usize));
-        for piece in &surfaces.0 {
-            let own = points.iter().filter(|point| point.triangle == piece.triangle);
+        for part in &surfaces.0 {
+            let own = points.iter().filter(|point| point.triangle == part.triangle);
             let count = own.clone().count() as f64;
-            assert!((count - f64::from(rays) * piece.area() / total).abs() <= 2.0, "{count} points");
+            assert!((count - f64::from(rays) * part.area() / total).abs() <= 2.0, "{count} points");
             let sum: DVec3 = own.map(|point| Vec3::from(point.position).as_dvec3()).sum();
-            let [a, b, c] = piece.corners;
+            let [a, b, c] = part.corners;
             let size = (b - a).length().max((c - a).length());
             let off = (sum / count - (a + b + c) / 3.0).length();
             assert!(off < 5.0 * size / count.sqrt(), "the middle is {off} off");

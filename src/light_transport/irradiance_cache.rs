@@ -1,5 +1,6 @@
-//! The irradiance cache: irradiance records, placed where the view needs them, from coarse to fine, before the first
-//! sample. All samples share them. As samples are added, so are gather rays to each record.
+//! The irradiance cache ("the irradiance gradient method" of the paper; Ward and Heckbert 1992): irradiance records,
+//! placed where the view needs them, from coarse to fine, before the first sample. All samples share them. As samples
+//! are added, so are gather rays to each record.
 
 use std::mem;
 
@@ -118,7 +119,7 @@ impl IrradianceCache {
         let records = &mut self.records;
         let wanted = with.settings.gather_rays();
         if records.rays < wanted {
-            // The records before remain as they are.
+            // The previous binding keeps the old buffers: the caller compares both.
             records.move_to(with, records.room)?;
             while records.rays < wanted {
                 records.add_wave(with, wanted - records.rays, totals)?;
@@ -186,7 +187,7 @@ impl Records {
             }
         }
         totals.indirect.records = self.heads.len() as u64;
-        totals.min_radius_records = self.smallest(with.settings.indirect.irradiance_cache.accuracy);
+        totals.min_radius_records = self.count_of_min_radius(with.settings.indirect.irradiance_cache.accuracy);
         let values = self.filtered_values(with, &with_radii)?;
         totals.indirect_bytes += self.buffers.bytes() + values.bytes;
         bind(with, buffers, &with_radii, &values)
@@ -204,9 +205,9 @@ impl Records {
         let Filling { gpu, tile, primary, .. } = *with;
         let image = &with.settings.image;
         let [width, height] = [image.width, image.height].map(|side| side.div_ceil(spacing));
-        // The pixels of that image that reach into the part.
-        // All pieces have the same records, which are for the whole image then.
+        // All pieces have the same records, which are therefore for the whole image.
         let part = if image.piece.is_some() { image.whole() } else { image.part() };
+        // The pixels of the coarse image that overlap the part.
         let reach = |first: u32, side: u32| first / spacing..(first + side).div_ceil(spacing);
         let (columns, rows) = (reach(part.x, part.width), reach(part.y, part.height));
         let column_count = columns.end - columns.start;
@@ -236,17 +237,7 @@ impl Records {
             frame.submit()?;
             let wanted = wanted(gpu, buffers)?;
             if !wanted.is_empty() {
-                let has_more_rays = self.ray_buffers.grow(gpu, wanted.len() as u32, self.rays)?;
-                if self.grow(with, wanted.len() as u32)? || has_more_rays {
-                    gather = None;
-                }
-                let bound = match gather.take() {
-                    Some(bound) => bound,
-                    None => self.bind_gather(with, Wave { earlier: 0, rays: self.rays })?,
-                };
-                let before = self.heads.len() as u32;
-                self.heads.extend(bound.place(gpu, &wanted, before, with.gather_settings())?);
-                totals.gather_rays += wanted.len() as u64 * u64::from(bound.rays());
+                let bound = self.place(with, &wanted, gather.take(), totals)?;
                 gather = Some(bound);
             }
             let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT)?;
@@ -254,6 +245,28 @@ impl Records {
             totals.gather_rays += u64::from(pixel_count);
         }
         Ok(self.heads.len() > before)
+    }
+
+    /// Places records at the `wanted` points of a tile, and gathers at each. `gather` is the pass as it was bound last,
+    /// if it was; it is bound again if buffers had to grow. Returns the pass, for the next points.
+    fn place(
+        &mut self,
+        with: &Filling<'_>,
+        wanted: &[u32],
+        gather: Option<BoundGather>,
+        totals: &mut Totals,
+    ) -> Result<BoundGather> {
+        let count = wanted.len() as u32;
+        let has_more_rays = self.ray_buffers.grow(with.gpu, count, self.rays)?;
+        let has_more_room = self.grow(with, count)?;
+        let bound = match gather.filter(|_| !has_more_rays && !has_more_room) {
+            Some(bound) => bound,
+            None => self.bind_gather(with, Wave { earlier: 0, rays: self.rays })?,
+        };
+        let first = self.heads.len() as u32;
+        self.heads.extend(bound.place(with.gpu, wanted, first, with.gather_settings())?);
+        totals.gather_rays += u64::from(count) * u64::from(bound.rays());
+        Ok(bound)
     }
 
     /// Adds a wave of gather rays to each record: as many as it has, or `limit`.
@@ -281,7 +294,7 @@ impl Records {
     }
 
     /// Number of records of minimum radius: their surroundings are so near that a smaller radius would be needed.
-    fn smallest(&self, accuracy: f32) -> u64 {
+    fn count_of_min_radius(&self, accuracy: f32) -> u64 {
         let min = min_radius(self.rays);
         let is_smallest = |head: &&RecordHead| accuracy * head.distance <= min * head.size;
         self.heads.iter().filter(is_smallest).count() as u64
@@ -356,7 +369,7 @@ impl Records {
         let accuracy = with.settings.indirect.irradiance_cache.accuracy;
         let radius = |distance: f32, pixel: f32| radius(distance, pixel, accuracy, min_radius(self.rays));
         let mut heads = self.heads.clone();
-        // Radii are in proportion to distances, and those of neighbours follow.
+        // A limit shortens the distance, not the radius, so that neighbours, whose distances follow, are limited too.
         for (head, limit) in heads.iter_mut().zip(&self.limits) {
             head.distance = head.distance.min(limit / accuracy);
         }

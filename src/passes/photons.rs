@@ -1,5 +1,5 @@
 //! Pass `photons`: traces rays from the lights, straight on through every surface, and stores the photons of the
-//! visibility map at the hits.
+//! visibility map at the hits (figure 1 of the paper).
 
 use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
@@ -106,11 +106,8 @@ impl Photons {
         let own = PhotonBindings { traced_photons: &batch, traced_counts: &counts };
         let bound = self.kernel.bind(gpu, "photons", &[&own, scene])?;
 
-        let spare = spare as usize;
-        let limit = (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize;
-        let mut room = (2 * all_rays as usize + spare).min(limit);
-        let mut photons = gpu.buffer::<Photon>("penumbra/photons/photons", room)?;
-        let (mut count, mut done, mut overruns) = (0, 0, 0);
+        let mut photons = PhotonBuffer::new(gpu, 2 * all_rays as usize, spare as usize)?;
+        let (mut done, mut overruns) = (0, 0);
         let mut stored = vec![[0; 2]; lights as usize];
         while done < all_rays {
             let ray_count = batch_rays.min(all_rays - done);
@@ -119,20 +116,9 @@ impl Photons {
             frame.run(&bound, ray_count, &PhotonParameters { first_ray: done, ray_count, light_count: lights, seed });
             frame.submit()?;
             let counted: Vec<u32> = gpu.read(&counts, words)?;
-            let more = counted[0] as usize;
-            if count + more + spare > limit {
+            if !photons.append(gpu, &batch, counted[0] as usize)? {
                 break;
             }
-            let mut frame = gpu.frame("photons");
-            if count + more + spare > room {
-                room = (2 * room).max(count + more + spare).min(limit);
-                let larger = gpu.buffer::<Photon>("penumbra/photons/photons", room)?;
-                frame.copy(&photons, &larger, 0, bytes(count));
-                photons = larger;
-            }
-            frame.copy(&batch, &photons, bytes(count), bytes(more));
-            frame.submit()?;
-            count += more;
             done += ray_count;
             overruns += u64::from(counted[1]);
             let by_light = counted[PHOTON_COUNT_HEADER as usize..].chunks_exact(PHOTON_COUNTS_PER_LIGHT as usize);
@@ -142,7 +128,50 @@ impl Photons {
         }
         // Ray numbers go round the lights, one ray of each light per round.
         let emitted = (0..lights).map(|light| done / lights + u32::from(light < done % lights)).collect();
-        Ok(Traced { photons, count: count as u32, emitted, stored, overruns })
+        Ok(Traced { photons: photons.buffer, count: photons.count as u32, emitted, stored, overruns })
+    }
+}
+
+/// The photons so far, in a buffer that grows with them.
+struct PhotonBuffer {
+    buffer: Buffer,
+    /// Photons in the buffer.
+    count: usize,
+    /// Photons for which the buffer has room.
+    room: usize,
+    /// The largest room that the device can bind.
+    limit: usize,
+    /// Room that stays free for photons of the caller.
+    spare: usize,
+}
+
+impl PhotonBuffer {
+    /// An empty buffer with room for `expected` photons.
+    fn new(gpu: &Gpu, expected: usize, spare: usize) -> Result<PhotonBuffer> {
+        let limit = (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize;
+        let room = (expected + spare).min(limit);
+        let buffer = gpu.buffer::<Photon>("penumbra/photons/photons", room)?;
+        Ok(PhotonBuffer { buffer, count: 0, room, limit, spare })
+    }
+
+    /// Appends the first `more` photons of a batch. Returns false, and appends none, if the device has no room for
+    /// them.
+    fn append(&mut self, gpu: &Gpu, batch: &Buffer, more: usize) -> Result<bool> {
+        let needed = self.count + more + self.spare;
+        if needed > self.limit {
+            return Ok(false);
+        }
+        let mut frame = gpu.frame("photons");
+        if needed > self.room {
+            self.room = (2 * self.room).max(needed).min(self.limit);
+            let larger = gpu.buffer::<Photon>("penumbra/photons/photons", self.room)?;
+            frame.copy(&self.buffer, &larger, 0, bytes(self.count));
+            self.buffer = larger;
+        }
+        frame.copy(batch, &self.buffer, bytes(self.count), bytes(more));
+        frame.submit()?;
+        self.count += more;
+        Ok(true)
     }
 }
 

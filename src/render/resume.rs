@@ -91,19 +91,7 @@ impl Renderer<'_> {
             ));
         }
         self.restore_trial(header.samples, header.has_visibility_map)?;
-        // Counts are by light, and a render cannot have more samples than requested.
-        let has_map = self.view.lighting.visibility_map.is_some();
-        if header.has_visibility_map != has_map
-            || (has_map && header.totals.photons.len() != self.totals.photons.len())
-            || header.samples > self.settings.image.range().count()
-        {
-            return Err(damaged());
-        }
-        let image = &self.settings.image;
-        if header.stage > LAST_STAGE
-            || header.blocks.is_some() != self.sampling.blocks.is_some()
-            || header.blocks.as_ref().is_some_and(|blocks| !blocks.fits(image))
-        {
+        if !self.fits(header) {
             return Err(damaged());
         }
         let mut rest = words.as_slice();
@@ -115,16 +103,8 @@ impl Renderer<'_> {
             plane.restore(self.gpu, state);
             rest = others;
         }
-        let growth = match header.growth {
-            Some(GrowthHeader { samples, has_errors }) => {
-                let pixels = self.settings.image.part().width as usize * self.settings.image.part().height as usize;
-                let mut values = || -> Result<Vec<f32>> {
-                    let (values, others) = rest.split_at_checked(pixels).ok_or_else(damaged)?;
-                    rest = others;
-                    Ok(values.iter().copied().map(f32::from_bits).collect())
-                };
-                Some(Growth { samples, means: values()?, errors: has_errors.then(values).transpose()? })
-            }
+        let growth = match &header.growth {
+            Some(growth) => Some(self.growth_from(growth, &mut rest).ok_or_else(damaged)?),
             None => None,
         };
         let map = MapState::from_words(rest, header.added, header.left).ok_or_else(damaged)?;
@@ -140,6 +120,34 @@ impl Renderer<'_> {
         self.sampling.shade_at_once = header.shade_at_once;
         self.totals = header.totals.clone().after(&self.totals);
         Ok(())
+    }
+
+    /// Whether a checkpoint with this header can be one of this render, whose trial of photons is restored.
+    fn fits(&self, header: &Header) -> bool {
+        let image = &self.settings.image;
+        let has_map = self.view.lighting.visibility_map.is_some();
+        header.has_visibility_map == has_map
+            // Counts are by light.
+            && (!has_map || header.totals.photons.len() == self.totals.photons.len())
+            && header.samples <= image.range().count()
+            && header.stage <= LAST_STAGE
+            && header.blocks.is_some() == self.sampling.blocks.is_some()
+            && header.blocks.as_ref().is_none_or(|blocks| blocks.fits(image))
+    }
+
+    /// The growth of indirect light, whose pixels are the first of the words in `rest`; these are taken off. `None` if
+    /// there are too few.
+    fn growth_from(&self, header: &GrowthHeader, rest: &mut &[u32]) -> Option<Growth> {
+        let GrowthHeader { samples, has_errors } = *header;
+        let part = self.settings.image.part();
+        let mut values = || {
+            let (values, others) = rest.split_at_checked(part.width as usize * part.height as usize)?;
+            *rest = others;
+            Some(values.iter().copied().map(f32::from_bits).collect::<Vec<f32>>())
+        };
+        let means = values()?;
+        let errors = if has_errors { Some(values()?) } else { None };
+        Some(Growth { samples, means, errors })
     }
 
     /// Fingerprint of scene, camera, settings and version.

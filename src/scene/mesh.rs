@@ -167,21 +167,24 @@ impl<'r, 'a> Reader<'_, 'r, 'a> {
             return Ok(None);
         }
         self.skipped.uneven += usize::from(influences.as_ref().is_some_and(Influences::is_uneven));
-        let mut textures = material.into_iter().flat_map(|m| self.materials[m].texture_infos());
-        if let Some(texture) = textures.find(|texture| uvs[texture.uv_set as usize].is_empty()) {
-            if !self.lenient {
-                // A variant may give the material.
-                let set = texture.uv_set;
-                let problem = format!("the textures of its material need TEXCOORD_{set}, which it lacks");
-                return Err(json.error(problem + "; `lenient` import reads them at 0, 0"));
-            }
-            self.skipped.without_coordinates += 1;
-        }
+        self.check_coordinates(json, material, &uvs)?;
         let triangles = assemble(mode, &corners);
         if triangles.is_empty() {
             return Ok(None);
         }
         Ok(Some(Primitive { positions, normals, tangents, uvs, colours, triangles, material, morph, influences }))
+    }
+
+    /// Checks that the primitive has the coordinates of all textures of its material, which a variant may have given.
+    fn check_coordinates(&mut self, json: &Json<'a>, material: Option<usize>, uvs: &[Vec<Vec2>; 2]) -> Result<()> {
+        let mut textures = material.into_iter().flat_map(|m| self.materials[m].texture_infos());
+        let Some(texture) = textures.find(|texture| uvs[texture.uv_set as usize].is_empty()) else { return Ok(()) };
+        if !self.lenient {
+            let problem = format!("the textures of its material need TEXCOORD_{}, which it lacks", texture.uv_set);
+            return Err(json.error(problem + "; `lenient` import reads them at 0, 0"));
+        }
+        self.skipped.without_coordinates += 1;
+        Ok(())
     }
 
     /// The morph targets of a primitive with `count` vertices.

@@ -40,7 +40,7 @@ impl Specialisation {
     pub(super) fn of_visibility(&mut self, scene: &Scene, camera: Option<&Camera>, settings: &Settings) {
         let mapped = self.of_visibility_map(scene, camera, settings);
         let estimated = mapped && settings.technique.requirements().visibility == Visibility::PhotonsAlone;
-        self.of_guessed_visibility(scene, settings, estimated);
+        self.of_estimated_visibility(scene, settings, estimated);
         self.of_audits(settings, mapped, estimated);
         self.of_shading();
     }
@@ -52,8 +52,8 @@ impl Specialisation {
         let placed = scene.placed_lights().len();
         let photons = u64::from(settings.photons_of_light(placed)) * placed as u64;
         let many = placed > MAX_LIGHTS as usize;
-        let few_sampled = self.features.has(Feature::LightSampling);
-        let unneeded = if few_sampled {
+        let samples_lights = self.features.has(Feature::LightSampling);
+        let unneeded = if samples_lights {
             // With 64 lights of scenes/lamps.glb the map left half of the candidates to shadow rays.
             "points sample a few of many lights: the map costs more than it saves".to_owned()
         } else if many {
@@ -69,7 +69,7 @@ impl Specialisation {
         } else {
             "there is no surface".to_owned()
         };
-        let wanted = map && pays && !many && !few_sampled && placed > 0 && !scene.is_empty();
+        let wanted = map && pays && !many && !samples_lights && placed > 0 && !scene.is_empty();
         let mut why =
             format!("{} lit from shadowed points", count(photons, "photon distinguishes", "photons distinguish"));
         if settings.tries_photons() {
@@ -133,7 +133,7 @@ impl Specialisation {
 
     /// Decides on the techniques that may estimate visibility without shadow rays: equation 1, cells, and adaptive
     /// shadow testing.
-    fn of_guessed_visibility(&mut self, scene: &Scene, settings: &Settings, estimated: bool) {
+    fn of_estimated_visibility(&mut self, scene: &Scene, settings: &Settings, estimated: bool) {
         let visibility = settings.technique.requirements().visibility;
         let lit = is_lit(scene);
         let many = scene.lights.len() > MAX_LIGHTS as usize;
