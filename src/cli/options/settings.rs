@@ -44,8 +44,8 @@ pub struct RenderOptions {
     )]
     pub spp: Option<u32>,
 
-    /// How samples are distributed over the pixels; --noise has a rule of its own [default: adaptive with --time on a
-    /// software device, without --technique and --checkpoint, if some samples fit; else uniform]
+    /// How samples are distributed over the pixels; --noise has a rule of its own [default: uniform; with --time, but
+    /// without --technique and --checkpoint, adaptive on a software device if the time is enough for several samples]
     #[arg(long, value_name = "SAMPLING", value_parser = samplings())]
     sampling: Option<Sampling>,
 
@@ -222,7 +222,7 @@ struct IndirectOptions {
     max_bounces: u32,
 
     /// Photons emitted for the global map, from all lights together, for the first 24 samples per pixel; more follow.
-    /// By default 4096 for the first sample, and then 256 for each gather ray
+    /// By default 4096 for the first sample, and then 256 times the gather rays of a record
     #[arg(long, value_name = "N")]
     flux_photons: Option<u32>,
 
@@ -237,7 +237,8 @@ struct IndirectOptions {
     accuracy: f32,
 
     /// Gather rays per irradiance record, rounded up to a power of two, for the first 24 samples per pixel; more
-    /// follow. By default 16 for the first sample, and then up to 4096 as long as they gain more than samples would
+    /// follow. By default 16 for the first sample, and then up to 4096, as long as they reduce the error more than
+    /// samples would
     #[arg(long, value_name = "N")]
     gather_rays: Option<u32>,
 
