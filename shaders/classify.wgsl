@@ -6,7 +6,7 @@
 // `classify` queries the fine cells and queues the candidates that they do not decide. For these `look_up` looks up the
 // classes of the map's cells and requests those that are missing, `request_cells` notes the points that request them,
 // and `query` looks up the requested classes. What the map decides is stored as a photon of the fine cells, so that the
-// map is queried once for a piece of surface. `classify` and `query` queue the candidates whose class is known for
+// map is queried once for each area of surface. `classify` and `query` queue the candidates whose class is known for
 // shadow rays and audits, and `dilate` widens boundaries. `compact` fills the queues if another pass has found the
 // classes. A point that its cell does not decide is a boundary: a search for the nearest photons of one point costs as
 // much as one to forty shadow rays. Only if n_i and n_s are shown (`exact_counts`) does `query` search for them.
@@ -80,19 +80,19 @@ fn queue_item(queue: u32, item: u32) -> u32 {
     return queue * (arrayLength(&queues) / CANDIDATE_QUEUES) + item;
 }
 
-// No class yet: `query` decides.
+// The candidate has no class yet; `query` finds it.
 const UNDECIDED = 0xffffffffu;
 const CLASSIFY_GROUP = 64u;
 
-// Numbers of what is counted: the classes, and these.
+// A workgroup counts its candidates by these indices; those below are the classes.
 const COUNTED_AUDITED = 5u;
 const COUNTED_NEAR = 6u;
 const COUNTED_NEAR_AUDITED = 7u;
 const COUNTED_UNDECIDED = 8u;
 const COUNTED_TRACED = 9u;
-// Numbers below this one have a counter; the two others are only lengths of queues.
+// Indices below this one have a counter; the two others are only lengths of queues.
 const WITH_COUNTER = 8u;
-// Candidates of the workgroup: a half of a word for each number.
+// The counts of the workgroup: half of a word for each index.
 var<workgroup> group_counts: array<atomic<u32>, COUNT_WORDS>;
 const COUNT_WORDS = 5u;
 // Where the workgroup's candidates begin in each queue.
@@ -180,12 +180,12 @@ fn look_up(
         return;
     }
     atomicStore(&classes[candidate], word_of_cell_class(cell));
-    @if(fine_cells) { tell_fine_cell(cell, light, point.position, normal); }
+    @if(fine_cells) { store_class_in_fine_cell(cell, light, point.position, normal); }
 }
 
 // Where the map decides a point away from boundaries, its class is stored as a photon of the point's fine cell.
 @if(visibility_map && fine_cells)
-fn tell_fine_cell(cell: CellClass, light: u32, position: vec3f, normal: vec3f) {
+fn store_class_in_fine_cell(cell: CellClass, light: u32, position: vec3f, normal: vec3f) {
     let lit = cell.class_ == CLASS_LIT;
     if is_decided(cell.class_) && cell.visibility == f32(lit) {
         store_rays(light, position, normal, u32(lit), u32(!lit));
@@ -316,7 +316,7 @@ fn class_by_requested_cell(candidate: u32) -> u32 {
     @if(!exact_counts) let cell = requested_class_at(light, point.position, normal);
     @if(exact_counts) var cell = cell_class_at(light, point.position, normal);
     @if(exact_counts) { if cell.reach == 0.0 { cell = requested_class_at(light, point.position, normal); } }
-    @if(fine_cells) { tell_fine_cell(cell, light, point.position, normal); }
+    @if(fine_cells) { store_class_in_fine_cell(cell, light, point.position, normal); }
     let word = word_of_cell_class(cell);
     @if(exact_counts) {
         if word == UNDECIDED {
@@ -423,7 +423,7 @@ struct Noted {
     // Queued for shadow rays, and for audits.
     traced: u32,
     audited: u32,
-    // How many of the numbers that have a counter, in halves of words as in `group_counts`.
+    // Counts by the indices that have a counter, in halves of words as in `group_counts`.
     counts: vec4u,
 }
 
@@ -450,19 +450,19 @@ fn note(noted: ptr<function, Noted>, k: u32, candidate: u32, word: u32) {
     }
 }
 
-// One of that number.
-fn one_of(number: u32) -> vec4u {
-    let is_its_word = vec4u(0u, 1u, 2u, 3u) == vec4u(number >> 1u);
-    return select(vec4u(0u), vec4u(1u << (16u * (number & 1u))), is_its_word);
+// A count of one for an index, and of zero for the others.
+fn one_of(index: u32) -> vec4u {
+    let is_its_word = vec4u(0u, 1u, 2u, 3u) == vec4u(index >> 1u);
+    return select(vec4u(0u), vec4u(1u << (16u * (index & 1u))), is_its_word);
 }
 
-// How many of the number, by the word that holds it.
-fn count_in(word: u32, number: u32) -> u32 {
-    return (word >> (16u * (number & 1u))) & 0xffffu;
+// The count of an index, from the word that holds it.
+fn count_in(word: u32, index: u32) -> u32 {
+    return (word >> (16u * (index & 1u))) & 0xffffu;
 }
 
-fn group_count(number: u32) -> u32 {
-    return count_in(atomicLoad(&group_counts[number >> 1u]), number);
+fn group_count(index: u32) -> u32 {
+    return count_in(atomicLoad(&group_counts[index >> 1u]), index);
 }
 
 // Counts the classes of a workgroup's candidates, and queues those that are traced, audited or still undecided. All of

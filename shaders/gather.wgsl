@@ -1,4 +1,4 @@
-// gather: the final gather of irradiance records (section 2 of the paper; Ward and Heckbert 1992). `place` puts new
+// gather: the final gather of irradiance records (Ward and Heckbert 1992, the paper's [Ward92]). `place` puts new
 // records at points. `gather` traces a wave of rays over the hemisphere of each record, stratified in proportion to the
 // cosine. A ray takes the radiance at its hit from precomputed irradiance; where that look-up is not valid, pass `path`
 // traces a path from the hit. From the rays of a record, `record` computes irradiance, its rotational and translational
@@ -76,7 +76,7 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(13) var<storage, read_write> record_values: array<vec4f>;
 @group(0) @binding(14) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Gradients of fewer rays are mostly noise, and records that they make small take the place of few: in
+// Gradients of fewer rays are mostly noise. They would shrink records without need, and so multiply them: in
 // scenes/sphere.glb 16 rays left 7,500 records, where 4,096 rays leave 1,500.
 const MIN_RAYS_OF_SLOPE = 64u;
 // Distance of a ray without a hit.

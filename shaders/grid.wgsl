@@ -164,8 +164,8 @@ fn classify_cells(
     let end = load_cell_start(cell + 1u);
     if end - begin > MAX_OWN_PHOTONS { return; }
     let codes = surface_normals(begin, end);
-    // A loop whose length is data: called twice, all of it would be in the kernel twice, and run for cells of one
-    // surface.
+    // A loop, because two calls would be in the kernel twice, and software devices would run both for cells of one
+    // surface too.
     var words = vec4u(0u);
     let surfaces = select(2u, 1u, codes.y == NO_CODE);
     for (var i = 0u; i < surfaces; i++) {

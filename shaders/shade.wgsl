@@ -3,13 +3,15 @@
 // the scene's unit, added to `radiance_direct`. Paper, "Extending the photon map": cases 1 to 3.
 //
 // The estimator, with U the unshadowed light, f_j / p_j the contributions of the N light points, V_j their
-// visibilities, a the photons' visibility (equation 1), rounded, and c 1 or 0 by class:
+// visibilities, a the photons' visibility (equation 1) rounded to 0 or 1, and c 1 for lit and 0 for shadowed:
 //   dark: 0. Lit, shadowed: c U, plus (V - c) f / (p q) where audited with probability q.
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
-// Where most points are decided (`few_sampled`), `shade` adds the light that the diffuse part of the BSDF reflects
-// where the class decides (c U), and a U; it queues the points for which `shade_sampled` adds the rest: highlights,
-// audits that contradict the class, and light points with shadow rays. While few are decided, `shade_sampled` adds all
-// of it at once.
+// At boundary and unknown points the photons are a control variate: the sum has little noise where a is right, and its
+// expected value is the true light whatever a is.
+//
+// Where classes decide most points (`few_sampled`), `shade` adds the terms c U and a U of the diffuse part of the BSDF.
+// It queues the points for which `shade_sampled` adds the rest: highlights, audits that contradict the class, and light
+// points with shadow rays. While classes decide few points, `shade_sampled` adds all terms at once.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -172,13 +174,13 @@ struct LightPoints {
 // Shadow rays lead to all light points. Without them, one is enough for highlights of small lights. (For the diffuse
 // part of light without a closed form it is not: in the marble sphere's scene, relMSE was 3.7 times as large.)
 fn light_point_count(shading: ShadingPoint, light: u32, known: Given) -> u32 {
-    let most = max_light_points(light, parameters.light_samples);
+    let all = max_light_points(light, parameters.light_samples);
     @if(closed_forms && glossy) {
         let one = known.closed && !known.traced
             && one_light_point_suffices(shading.max_density, shading.position, light);
-        return select(most, 1u, one);
+        return select(all, 1u, one);
     }
-    @else { return most; }
+    @else { return all; }
 }
 
 fn sum_light_points(
@@ -189,8 +191,8 @@ fn sum_light_points(
     terms: Terms,
 ) -> LightPoints {
     let count = light_point_count(shading, light, known);
-    // The part of the diffuse light that the closed form already accounts for.
-    let told = select(0.0, known.visibility, known.closed);
+    // The visibility with which the closed form has already added the diffuse light.
+    let added = select(0.0, known.visibility, known.closed);
     let diffuse = select(terms.decided, terms.others, known.deferred);
     var sum = vec3f(0.0);
     // Light points that are visible, and those that could be: facing the surface, and above its horizon.
@@ -207,7 +209,7 @@ fn sum_light_points(
             facing += faces;
             v = f32(bit);
         }
-        sum += select(0.0, v - told, diffuse) * f.diffuse;
+        sum += select(0.0, v - added, diffuse) * f.diffuse;
         @if(glossy) { sum += v * f.residual; }
     }
     // A device may divide a number by itself and not get 1.

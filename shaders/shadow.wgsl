@@ -54,10 +54,11 @@ struct ShadowParameters {
 var<immediate> parameters: ShadowParameters;
 
 var<workgroup> rays_traced: atomic<u32>;
-// In `shadow`, candidates in penumbra; in `audit`, wrong classes.
-var<workgroup> mixed_points: atomic<u32>;
-// Rays of the candidates in penumbra.
-var<workgroup> mixed_rays: atomic<u32>;
+// Candidates in penumbra, with visible and hidden light points, and their rays.
+var<workgroup> penumbra_points: atomic<u32>;
+var<workgroup> penumbra_rays: atomic<u32>;
+// Audits that contradict the class, and those of them near boundaries.
+@if(audit) var<workgroup> wrong: atomic<u32>;
 @if(audit) var<workgroup> wrong_near: atomic<u32>;
 
 // The inputs of a candidate's rays.
@@ -128,7 +129,7 @@ fn packet_ray(c: Candidate, there: bool, step: u32, rays: u32, lane: u32) -> Pac
     }
 }
 
-// The bits that a step's rays have for the lane's own candidate, in their places in the word of visibilities.
+// The bits of a step's rays that belong to the lane's own candidate, at their positions in its word of visibilities.
 fn own_bits(bit: bool, step: u32, rays: u32, lane: u32) -> u32 {
     @if(!packets) { return u32(bit) << step; }
     @if(packets) {
@@ -149,22 +150,22 @@ fn own_bits(bit: bool, step: u32, rays: u32, lane: u32) -> u32 {
 fn trace_candidate(queued: Queued, lane: u32) -> vec2u {
     let candidate = queued.candidate;
     let own = load_candidate(candidate);
-    let of_own = select(0u, max_light_points(own.light, parameters.light_samples), queued.there);
-    let most = largest_of_packet(of_own, lane);
+    let own_rays = select(0u, max_light_points(own.light, parameters.light_samples), queued.there);
+    let max_rays = largest_of_packet(own_rays, lane);
     var traced = 0u;
     var visible = 0u;
     for (var word = 0u; word < parameters.visibility_words; word++) {
         let first = word * 32u;
-        let rays = min(32u, max(most, first) - first);
+        let rays = min(32u, max(max_rays, first) - first);
         var facing_bits = 0u;
         var visible_bits = 0u;
         for (var step = 0u; step < rays; step++) {
-            let chosen = packet_ray(own, queued.there, step, rays, lane);
-            let c = chosen.candidate;
-            let j = first + chosen.number;
+            let of_packet = packet_ray(own, queued.there, step, rays, lane);
+            let c = of_packet.candidate;
+            let j = first + of_packet.number;
             let count = max_light_points(c.light, parameters.light_samples);
             let sampled = nth_light_sample(c.light, c.position, c.seed, c.sample_index, j, count);
-            let there = chosen.there && j < count;
+            let there = of_packet.there && j < count;
             let faces = there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
             var ray = no_ray();
             if faces { ray = shadow_ray(c.position, c.normal, sampled); }
@@ -196,8 +197,8 @@ fn shadow(
 ) {
     if lane == 0u {
         atomicStore(&rays_traced, 0u);
-        atomicStore(&mixed_points, 0u);
-        atomicStore(&mixed_rays, 0u);
+        atomicStore(&penumbra_points, 0u);
+        atomicStore(&penumbra_rays, 0u);
     }
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
@@ -207,8 +208,8 @@ fn shadow(
     if queued.there {
         atomicAdd(&rays_traced, rays.x);
         if rays.y > 0u && rays.y < rays.x {
-            atomicAdd(&mixed_points, 1u);
-            atomicAdd(&mixed_rays, rays.x);
+            atomicAdd(&penumbra_points, 1u);
+            atomicAdd(&penumbra_rays, rays.x);
         }
         if traversal_overrun { drop_sample(queued.candidate); }
         @if(fine_cells) { store_in_fine_cell(load_candidate(queued.candidate), rays.y, rays.x - rays.y); }
@@ -216,8 +217,8 @@ fn shadow(
     workgroupBarrier();
     if lane == 0u {
         atomicAdd(&counters[COUNTER_SHADOW_RAYS], atomicLoad(&rays_traced));
-        atomicAdd(&counters[COUNTER_PENUMBRA_SEEN], atomicLoad(&mixed_points));
-        atomicAdd(&counters[COUNTER_PENUMBRA_RAYS], atomicLoad(&mixed_rays));
+        atomicAdd(&counters[COUNTER_PENUMBRA_SEEN], atomicLoad(&penumbra_points));
+        atomicAdd(&counters[COUNTER_PENUMBRA_RAYS], atomicLoad(&penumbra_rays));
     }
 }
 
@@ -239,7 +240,7 @@ fn audit_candidate(queued: Queued, lane: u32) -> bool {
     atomicAdd(&rays_traced, 1u);
     @if(fine_cells) { store_in_fine_cell(c, u32(visible), u32(!visible)); }
     if visible != lit && !traversal_overrun {
-        atomicAdd(&mixed_points, 1u);
+        atomicAdd(&wrong, 1u);
         if is_near(classes[candidate]) { atomicAdd(&wrong_near, 1u); }
         @if(visibility_map) {
             let index = atomicAdd(&repairs[0], 1u);
@@ -262,7 +263,7 @@ fn audit(
 ) {
     if lane == 0u {
         atomicStore(&rays_traced, 0u);
-        atomicStore(&mixed_points, 0u);
+        atomicStore(&wrong, 0u);
         atomicStore(&wrong_near, 0u);
     }
     workgroupBarrier();
@@ -281,7 +282,7 @@ fn audit(
     workgroupBarrier();
     if lane == 0u {
         atomicAdd(&counters[COUNTER_AUDIT_RAYS], atomicLoad(&rays_traced));
-        atomicAdd(&counters[COUNTER_AUDITS_WRONG], atomicLoad(&mixed_points));
+        atomicAdd(&counters[COUNTER_AUDITS_WRONG], atomicLoad(&wrong));
         atomicAdd(&counters[COUNTER_AUDITS_WRONG_NEAR], atomicLoad(&wrong_near));
     }
 }

@@ -2,6 +2,10 @@
 // (paper, "Extending the photon map": the three cases, here for whole cells). In: the surface's slab and cone in the
 // cell, and the sorted photons, in normalised space. Out: a cell class in two words (lib/cell_class), 0 where nothing
 // is certain.
+//
+// Each photon has bounds of its distance from the points. Once k photons are surely within a distance of all points,
+// the nearest k of every point are within it. If no shadow photon may be that near, the whole cell is lit; if no
+// illumination photon may be, it is shadowed; if one of each kind is surely among the nearest k, it is a boundary.
 
 import package::lib::cell_class::{CellClass, VISIBILITY_STEPS, decode_cell_class, encode_cell_class};
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN};

@@ -1,6 +1,6 @@
-// Fine cells: pieces of surface of a few pixels and less. The shadow rays of earlier samples are photons in them: a
-// point with a ray that reached the light leaves an illumination photon, one with a ray that did not a shadow photon. A
-// cell with both kinds about it is divided; its parts are cells of half the width.
+// Fine cells: areas of surface a few pixels wide, or narrower. The shadow rays of earlier samples are photons in them:
+// a point with a ray that reached the light leaves an illumination photon, and one with a ray that did not leaves a
+// shadow photon. A cell with both kinds about it is divided; its parts are cells of half the width.
 // In and out: a hash table of cells by light and position. Positions are in normalised space.
 
 @if(texture_loads) import package::lib::table::table_texel;

@@ -1,6 +1,10 @@
 // The class of a point and a light by the exact search for the nearest k photons (paper, "Extending the photon map").
 // In: position and normal in normalised space, and the distance within which the nearest k are known to be, or 0. Out:
-// class words. Only which kinds occur among the k matters for the class, so no list of k photons is kept.
+// class words.
+//
+// Only which kinds occur among the k matters for the class, so no list of k photons is kept. `class_by_search` widens a
+// disc until it holds k photons. `class_by_counts` then narrows the squared distance of the k-th: it counts the photons
+// within eight marks, and divides the interval between two marks again, until the k-th is alone in it.
 
 import package::lib::class_word::class_word;
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN};

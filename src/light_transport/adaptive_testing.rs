@@ -3,8 +3,8 @@
 //! untested light is estimated: its visible share in earlier tiles, times the ratio of the visibility of the tested
 //! lights at this point to their visible share.
 //!
-//! Ward tests the parts of a large source one by one. Here all light points of one light are tested together: they
-//! could contribute about as much as each other, so a rest of one in four is never below the tolerance.
+//! Ward tests the parts of a large source one by one. Here all light points of one light are tested together: each of
+//! them could contribute about as much as the others, so even the last of four is never below the tolerance.
 //!
 //! The visible shares are those of earlier tiles, so that results do not depend on the order of a tile's points.
 

@@ -1,6 +1,7 @@
-//! Direct light. For a chunk of lights, its passes classify the points of a tile, queue those that need shadow rays,
-//! trace the rays and add the light. Techniques differ in the steps that they take and in how points are classified:
-//! without a visibility map every point is unknown, and all shadow rays are traced.
+//! Direct light (paper, "Extending the photon map": cases 1 to 3). For a chunk of lights, its passes classify the
+//! points of a tile, queue those that need shadow rays, trace the rays and add the light: `classify`, `shadow`,
+//! `shade`. Techniques differ in the steps that they take and in how points are classified: without a visibility map
+//! every point is unknown, and all shadow rays are traced.
 
 use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 
@@ -243,7 +244,7 @@ impl DirectLight {
     }
 
     fn bound(&self) -> &Bound {
-        self.bound.as_ref().expect("a map that could not be sorted ends the batch before")
+        self.bound.as_ref().expect("a map that cannot be sorted ends the batch before this is called")
     }
 
     /// Sets audit probabilities and dilation for the next batch, if the kernels audit. Call it before each batch.
@@ -315,7 +316,7 @@ impl DirectLight {
         self.bound().shadow.audit(frame, arguments, offset, &self.shadow_parameters(tile, chunk));
     }
 
-    /// Computes the indirect arguments of the queues, among them those of pass `shadow` for this one.
+    /// Computes the arguments of the indirect dispatch of pass `shadow` over a queue. Returns the buffer that has them.
     fn arrange(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, queue: Queue) -> &Buffer {
         self.bound().classify.record_arguments(frame, tile, chunk, queue, self.kernels.shadow.workgroup_size());
         &self.buffers.classify.queue_arguments
@@ -370,7 +371,7 @@ impl DirectLight {
         &self.buffers.classify
     }
 
-    /// For each candidate a bit per light point: whether it is visible.
+    /// For each candidate, a bit per light point: whether the light point is visible.
     pub fn visibility(&self) -> &Buffer {
         &self.buffers.visibility
     }

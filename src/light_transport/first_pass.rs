@@ -1,5 +1,7 @@
-//! The steps of a technique's first pass, which runs once, before the first sample; the steps of photons on trial run
-//! after it. A step does nothing if the specialisation left its kernels out.
+//! The steps of a technique's first pass, which makes the photon maps ("In the first pass the photon map is created").
+//! It runs once, before the first sample. Only the steps of visibility photons may run later: while it is not known
+//! whether such photons pay off, they are emitted after the first sample. A step does nothing if the specialisation
+//! left its kernels out.
 
 use std::mem;
 
@@ -34,12 +36,12 @@ pub(crate) struct FirstPass<'a> {
     pub indirect_kernels: &'a IndirectKernels,
     pub primary: &'a BoundPrimary,
     pub view: &'a Camera,
-    /// The same for kernels.
+    /// `view` as kernels read it.
     pub camera: &'a CameraUniform,
     pub settings: &'a Settings,
     /// The settings of indirect light, whose numbers of photons and gather rays depend on the first sample.
     pub indirect_settings: &'a Settings,
-    /// Points of a tile.
+    /// Maximum number of points of a tile.
     pub points: u32,
     pub totals: &'a mut Totals,
     pub made: MadeMaps,
@@ -58,8 +60,8 @@ impl FirstPass<'_> {
         Ok(())
     }
 
-    /// Traces illumination and shadow photons of every light, sorts them into a grid, and classifies its cells (passes
-    /// `photons`, `grid`).
+    /// Traces illumination and shadow photons of every light (figure 1 of the paper), sorts them into a grid, and
+    /// classifies its cells (passes `photons`, `grid`).
     pub fn make_visibility_map(&mut self) -> Result<()> {
         if let Some(kernels) = self.direct_kernels.visibility_map.take() {
             self.lighting.visibility_map = Some(match self.made.visibility_map.take() {

@@ -1,4 +1,5 @@
-//! The global map: photons that carry flux, and irradiance computed from them in advance at irradiance points.
+//! The global map: photons that carry flux (the "normal photons" of the paper), and irradiance computed from them in
+//! advance at irradiance points (Christensen 1999).
 
 use kernel_kit::{Frame, Gpu};
 
@@ -99,6 +100,7 @@ impl GlobalMap {
         let map = kernels.grid.sort(gpu, &photons.photons, photons.count, 1, shape)?;
         let mut irradiance = None;
         if paths {
+            // Irradiance points are the positions of further photons: they lie where light arrives.
             let points = trace(flux_photons.div_ceil(RAYS_PER_IRRADIANCE_POINT_RAY), !seed)?;
             let shape = irradiance_point_grid(extent, points.count);
             let points = kernels.grid.sort(gpu, &points.photons, points.count, 1, shape)?;

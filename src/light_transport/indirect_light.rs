@@ -1,5 +1,6 @@
-//! Indirect light: the global map, the irradiance cache, and paths for the light that neither of them holds. In
-//! techniques without separate direct light these compute all light.
+//! Indirect light of the two-pass method: a final gather from the global map, interpolated between the records of the
+//! irradiance cache, and paths for the light that neither of them holds. In techniques without separate direct light,
+//! map and paths compute all light.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -68,6 +69,7 @@ impl IndirectCost {
 }
 
 pub(crate) struct IndirectLight {
+    /// The cost of the last stage.
     cost: IndirectCost,
     /// The map in which paths and gather rays end, or which is shown directly.
     map: Option<GlobalMap>,
@@ -130,7 +132,7 @@ impl IndirectLight {
         let IndirectKernels { global_map, cache, path, features, .. } = kernels;
         let Shared { gpu, gpu_scene, tile, .. } = shared;
         totals.indirect_bytes = 0;
-        // The map before is released first.
+        // The previous map is released first, so that the device need not hold both.
         self.map = None;
         if let Some(kernels) = global_map {
             self.map = Some(GlobalMap::new(&shared, kernels, settings, path.is_some(), totals)?);
@@ -166,7 +168,7 @@ impl IndirectLight {
         self.map.take().and_then(GlobalMap::without_view)
     }
 
-    /// The cost of making it.
+    /// The cost of the last stage, by which that of the next one is predicted.
     pub fn cost(&self) -> IndirectCost {
         self.cost
     }

@@ -1,4 +1,5 @@
-//! The light sampler: gives each point a few of many lights, by light zones if there are photons for them.
+//! The light sampler: gives each point a few of many lights, by light zones if there are photons for them ("divide the
+//! scene into zones according to the light sources").
 
 use kernel_kit::{Buffer, Frame, Gpu};
 
@@ -17,7 +18,8 @@ use crate::statistics::totals::Totals;
 /// Number of rays of all lights together for zones.
 const ZONE_RAYS: u32 = 1 << 20;
 
-/// Maximum number of rays of a light. Half a word must count this times the maximum number of shadow photons per ray.
+/// Maximum number of rays of a light, and of shadow photons of a ray. Their product must be below 2^16: a zone counts
+/// the shadow photons of a light in half a word.
 const RAYS_PER_LIGHT: u32 = 6553;
 const SHADOW_PHOTONS: u32 = 10;
 

@@ -1,5 +1,11 @@
-//! The parts that techniques share: light sampler, visibility map, cells, adaptive shadow testing, direct light, global
-//! map, irradiance cache and caustic map; and the steps of the first and the second pass.
+//! The two-pass method of the paper, in parts that techniques share. [`first_pass`] and [`second_pass`] have the steps,
+//! and are the place to begin.
+//!
+//! - Photons that tell light from shadow: [`visibility_map`], and [`fine_cells`], which are not in the paper.
+//! - Direct light by the classes of points: [`direct_light`], and [`audits`], which keep it unbiased.
+//! - Many lights: [`light_sampler`] (the paper's zones).
+//! - Indirect light: [`global_map`], [`irradiance_cache`] and [`caustic_map`], put together in [`indirect_light`].
+//! - Earlier methods, for comparison: [`cell_visibility`] and [`adaptive_testing`].
 
 pub(crate) mod adaptive_testing;
 pub(crate) mod audits;

@@ -1,5 +1,5 @@
-//! The steps of a technique's second pass: a frame, which adds one or more samples to every pixel of a tile. A step
-//! records its dispatches. It does nothing if the first pass did not make its part.
+//! The steps of a technique's second pass, the paper's visualisation step: a frame, which adds one or more samples to
+//! every pixel of a tile. A step records its dispatches. It does nothing if the first pass did not make its part.
 
 use kernel_kit::Frame;
 
@@ -22,7 +22,7 @@ pub(crate) struct SecondPass<'a, 'g> {
     pub settings: &'a Settings,
     /// The film's planes for the tile.
     pub planes: Vec<&'a Plane>,
-    /// Few points are decided: [`crate::passes::shade::ShadeParameters::at_once`].
+    /// See [`crate::passes::shade::ShadeParameters::at_once`]. It is set if classes decide few points.
     pub shade_at_once: bool,
     /// The films of the lights' classes, if the AOV `shadow` is requested.
     pub class_films: &'a [Plane],
@@ -47,8 +47,9 @@ impl SecondPass<'_, '_> {
         self.lighting.direct.as_ref().map(DirectLight::chunks).into_iter().flatten()
     }
 
-    /// Gives each point the class of its fine cell for each light, if the cell has one. Without cells and map every
-    /// point that does not face away from the light is unknown (pass `classify`).
+    /// Gives each point the class of its fine cell for each light, if the cell has one, and queues it by its class for
+    /// shadow rays or an audit. Without cells and map every point that does not face away from the light is unknown
+    /// (pass `classify`).
     pub fn classify(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.classify(frame, tile, lights));
     }
@@ -68,8 +69,8 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, _| direct.classify_requested_cells(frame));
     }
 
-    /// Classifies the undecided points by the requested cells; if n_i and n_s are shown, by their k nearest photons
-    /// (pass `classify`).
+    /// Classifies the undecided points by the requested cells; if n_i and n_s are shown, by their k nearest photons.
+    /// Queues them, and those that the map's cells classified, as [`Self::classify`] does (pass `classify`).
     pub fn query_photons(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.query(frame, tile, lights));
     }
@@ -79,8 +80,8 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, tile| direct.dilate(frame, tile, lights));
     }
 
-    /// Counts the classes that another pass gave, and queues boundary and unknown points for shadow rays (pass
-    /// `classify`).
+    /// For the earlier methods, whose classes another pass gives: counts the classes, and queues boundary and unknown
+    /// points for shadow rays (pass `classify`).
     pub fn queue_shadow_rays(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.compact(frame, tile, lights));
     }

@@ -1,4 +1,6 @@
-//! The visibility map: illumination and shadow photons of every light, sorted into a grid, and repaired by audits.
+//! The visibility map: illumination and shadow photons of every light, sorted into a grid, and repaired by audits. The
+//! paper keeps them in one map with the photons that carry flux. Here they have a map of their own, because they need
+//! no flux, and are looked up by light ([`super::global_map`] has the others).
 
 use kernel_kit::{Buffer, Gpu};
 
@@ -38,6 +40,7 @@ impl MapKernels {
 pub(crate) struct VisibilityMap {
     /// `None` between [`VisibilityMap::take_repairs`] and [`VisibilityMap::sort`].
     grid: Option<PhotonGrid>,
+    /// Kept to sort the map again.
     kernel: Grid,
     shape: GridShape,
     lights: u32,

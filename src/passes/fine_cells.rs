@@ -1,4 +1,4 @@
-//! Pass `fine_cells`: classifies pieces of surface as large as a few pixels by the shadow rays of earlier samples.
+//! Pass `fine_cells`: classifies areas of surface a few pixels wide by the shadow rays of earlier samples.
 
 use kernel_kit::{BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows};
 

@@ -1,5 +1,5 @@
-//! Pass `ward`: traces shadow rays to the lights of each point in the order of their potential contribution, and
-//! estimates the visibility of the lights that remain.
+//! Pass `ward`: sorts the lights of each point by their potential contribution, queues them one by one for pass
+//! `shadow`, and estimates the visibility of the lights that remain.
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 

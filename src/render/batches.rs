@@ -1,4 +1,5 @@
-//! Adding samples, batch by batch.
+//! The loop of a render: adds samples to all tiles, batch by batch. A batch has the same number of samples for each
+//! pixel, except with adaptive sampling. Between batches the render learns from what the last one has counted.
 
 use std::time::Instant;
 
@@ -109,7 +110,7 @@ impl Renderer<'_> {
         self.totals.time_render += begun.elapsed().as_secs_f64();
         self.end_trial(samples, &counted)?;
         let start = Instant::now();
-        self.keep()?;
+        self.back_up_if_due()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
         self.sampling.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / (f64::from(layers) * share));
         Ok(self.progress())
@@ -153,22 +154,28 @@ impl Renderer<'_> {
 
     /// Samples per pixel of the next batch, of pixels that have `samples`.
     fn layers_of_batch(&self, limit: u32, samples: u32, batch: Option<&Batch>) -> u32 {
-        let most = self.view.tile_size.layers.min(limit.max(1));
         let to_spp = self.settings.image.range().end.saturating_sub(samples);
         let missing = batch.map_or(to_spp, |batch| batch.missing);
-        let most = if missing > 0 { most.min(missing) } else { most };
+        let mut layers = self.view.tile_size.layers.min(limit.max(1));
+        if missing > 0 {
+            layers = layers.min(missing);
+        }
         // Fine cells learn from each batch: the number of samples doubles, so that they learn early. The first
         // sample is a preview, with few gather rays, and shows whether photons pay off.
         let features = &self.specialisation.features;
-        let preview = self.view.stage < 0 && features.has(Feature::GlobalMap);
-        let learning = features.has(Feature::FineCells) || self.with_photons.is_some() || preview;
-        let most = if learning { most.min(samples.max(1)) } else { most };
-        // In a piece, maps are made again at fixed samples.
-        let to_map = TILE_SAMPLES - samples % TILE_SAMPLES;
-        let most = self.settings.image.piece.map_or(most, |_| most.min(to_map));
-        // Halves of the samples are compared, which end at powers of two.
-        let to_power = to_power_of_two(samples);
-        if self.settings.estimates_error() { most.min(to_power) } else { most }
+        let is_preview = self.view.stage < 0 && features.has(Feature::GlobalMap);
+        if features.has(Feature::FineCells) || self.with_photons.is_some() || is_preview {
+            layers = layers.min(samples.max(1));
+        }
+        // In a piece, new maps begin at fixed samples.
+        if self.settings.image.piece.is_some() {
+            layers = layers.min(TILE_SAMPLES - samples % TILE_SAMPLES);
+        }
+        // Errors are estimated from halves of the samples, which end at powers of two.
+        if self.settings.estimates_error() {
+            layers = layers.min(to_power_of_two(samples));
+        }
+        layers
     }
 
     /// Decides how the next batch is shaded, by the number of points that pass `shade` sampled light for in this one,
@@ -199,7 +206,7 @@ impl Renderer<'_> {
         let (mut points, mut sample) = (0, first_sample);
         while pixel_count > 0 && sample < first_sample + count {
             let fit = (self.view.tile_size.points / pixel_count).max(1).min(first_sample + count - sample);
-            // The film keeps the sums of powers of two.
+            // The film takes snapshots at powers of two.
             let layers = if batch.is_some() { fit.min(to_power_of_two(sample)) } else { fit };
             points += self.render_layers(index, pixel_count, sample, layers)?;
             sample += layers;

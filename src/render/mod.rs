@@ -1,5 +1,11 @@
 //! The renderer: prepares a scene, adds samples in batches, and gives the image and the statistics at any time. The
 //! files of `src/techniques/` decide what runs for a sample.
+//!
+//! [`renderer`] prepares, [`batches`] has the loop over batches and tiles, [`tiles`] the films, and [`output`] the
+//! image. The other files decide what the next batch is: whether visibility photons pay off ([`trial`]), how much
+//! indirect light is refined ([`refinement`]), which pixels get samples ([`adaptive_sampling`]), and what fits the time
+//! ([`time_limit`]); or they carry a render over interruptions ([`checkpoint`], [`resume`], [`recovery`]), to other
+//! views ([`views`]) and to other machines ([`pieces`]).
 
 mod adaptive_sampling;
 mod backup;

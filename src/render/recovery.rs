@@ -117,8 +117,8 @@ fn begin<'g>(
 }
 
 impl Renderer<'_> {
-    /// Keeps the state of the samples, if the caller wants this and it is due.
-    pub(super) fn keep(&mut self) -> Result<()> {
+    /// Copies the state of the samples to memory, if the caller requests this and a copy is due.
+    pub(super) fn back_up_if_due(&mut self) -> Result<()> {
         if self.backup.as_ref().is_some_and(Backup::is_due) {
             if !self.has_room_for_copy() {
                 let note =

@@ -49,7 +49,7 @@ impl Renderer<'_> {
         let start = Instant::now();
         let due = self.due_stage();
         while self.view.stage < due && fits(self, Step { stage: self.view.stage + 1, leaves_more_error: false }) {
-            self.go_on(self.view.stage + 1)?;
+            self.advance_to(self.view.stage + 1)?;
         }
         if self.estimates_growth() && self.sampling.samples > 0 {
             self.grow(fits)?;
@@ -120,7 +120,7 @@ impl Renderer<'_> {
                 if error.is_some_and(|error| !wants_rays(error, noise, gather, others, factor)) {
                     break;
                 }
-                let changes = self.go_on(stage)?;
+                let changes = self.advance_to(stage)?;
                 errors = Some(errors_of_rays(&changes, &means, factor));
             }
         }
@@ -148,16 +148,16 @@ impl Renderer<'_> {
         Ok(means)
     }
 
-    /// Goes on to a stage. The samples so far then have its indirect light too. Returns the change of each pixel, the
-    /// mean of its channels; nothing if no sample changes.
-    fn go_on(&mut self, stage: i32) -> Result<Vec<f32>> {
+    /// Advances indirect light to a stage, and corrects the samples so far: they then have its indirect light too.
+    /// Returns the change of each pixel, the mean of its channels; nothing if no sample changes.
+    fn advance_to(&mut self, stage: i32) -> Result<Vec<f32>> {
         match self.add_rays(stage)? {
             Some(before) if self.sampling.samples > 0 && self.piece_sums.is_none() => self.correct_samples(&before),
             _ => Ok(Vec::new()),
         }
     }
 
-    /// Goes on to a stage. Returns the irradiance cache of the last one.
+    /// Advances indirect light to a stage. Returns the irradiance cache of the previous one.
     fn add_rays(&mut self, stage: i32) -> Result<Option<BoundCache>> {
         let is_first = self.view.stage == self.first_stage();
         let Some(indirect) = &mut self.view.lighting.indirect else { return Ok(None) };

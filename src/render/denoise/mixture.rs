@@ -1,7 +1,7 @@
 //! The mixture of the raw image and denoised images that has the smallest estimated error in each region.
 //!
 //! Errors are estimated without a reference, from two halves A and B of the samples (cross-validation). Each is a
-//! stratified piece of the sample sequence, and their noise is nearly independent. Let M be an image made of A alone,
+//! stratified part of the sample sequence, and their noise is nearly independent. Let M be an image made of A alone,
 //! with error e, and r the error of B. Their difference has the mean square E[e^2] + E[r^2], whatever M is: so the
 //! weights that bring a mixture closest to the other half are also those that bring it closest to the truth, and need
 //! no variances. E[e^2] is what is left without E[r^2], which is half of the mean of (A - B)^2. All means are over a
