@@ -1,10 +1,10 @@
-// primary: traces one camera ray for each sample of the tile, and on through mirrors and clear glass where there are
-// any.
+// primary: traces one camera ray for each sample of the tile. Where the ray meets mirrors or clear glass, follows it to
+// the surface seen in or through them.
 // In: the scene, the camera.
-// Out: `points` and `surfaces`, the visible surface of each sample; `radiance_direct`, the emission that the ray meets,
-// with w 1 where it met anything, the environment included unless that is hidden (the image's alpha); the AOVs that
-// were requested; the guides of denoisers, which are of the surface at the end of a specular chain, and store the
-// random choices. Positions are in scene units after normalisation.
+// Out: `points` and `surfaces`, the visible surface of each sample; `radiance_direct`, the emission that the ray meets;
+// the AOVs that were requested; the guides of denoisers. w of `radiance_direct` is the image's alpha: 1 where the ray
+// met a surface, or the environment unless that is hidden. Guides are of the surface at the end of a specular chain,
+// with the random choices that led there. Positions are in scene units after normalisation.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, pixel_by_pixel, tile_pixel, tile_sample, pixel_seed};

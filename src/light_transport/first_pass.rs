@@ -120,9 +120,9 @@ impl FirstPass<'_> {
         Ok(())
     }
 
-    /// Traces photons that carry flux into the global map, precomputes irradiance at some of them, and places
-    /// irradiance records all over the view, from coarse to fine, each with a final gather that ends in the map (passes
-    /// `flux`, `grid`, `irradiance`, `cache`, `gather`).
+    /// Traces photons that carry flux into the global map, and precomputes irradiance at the positions of further
+    /// photons (passes `flux`, `grid`, `irradiance`). Then places irradiance records all over the view, from coarse to
+    /// fine, each with a final gather that ends in the map (passes `cache`, `gather`).
     pub fn make_indirect_light(&mut self) -> Result<()> {
         let FirstPass { shared, indirect_kernels: kernels, primary, camera, indirect_settings: settings, .. } = *self;
         let setup = IndirectSetup { shared, kernels, primary, camera, settings };

@@ -39,7 +39,7 @@ impl GlobalMapKernels {
 
 /// The global map as a render reads it.
 pub(crate) struct GlobalMap {
-    /// Irradiance at some of its photons, for paths and gathers.
+    /// Irradiance at irradiance points, for paths and gathers.
     irradiance: Option<IrradianceMap>,
     /// The map shown at the points of a tile.
     show: Option<BoundShow>,
@@ -61,7 +61,7 @@ impl GlobalMap {
         self.irradiance.as_ref().map_or(0, |irradiance| irradiance.bytes)
     }
 
-    /// Traces the photons, sorts them, and estimates the irradiance at some of them for `paths`.
+    /// Traces the photons, and sorts them. For `paths` also estimates the irradiance at irradiance points.
     pub fn new(
         shared: &Shared<'_>,
         kernels: &GlobalMapKernels,
@@ -100,7 +100,7 @@ impl GlobalMap {
         let map = kernels.grid.sort(gpu, &photons.photons, photons.count, 1, shape)?;
         let mut irradiance = None;
         if paths {
-            // Irradiance points are the positions of further photons: they lie where light arrives.
+            // Irradiance points are the positions of further photons, which lie where light arrives.
             let points = trace(flux_photons.div_ceil(RAYS_PER_IRRADIANCE_POINT_RAY), !seed)?;
             let shape = irradiance_point_grid(extent, points.count);
             let points = kernels.grid.sort(gpu, &points.photons, points.count, 1, shape)?;

@@ -188,9 +188,9 @@ impl Renderer<'_> {
         self.sampling.shade_at_once = sampled as f64 > AT_ONCE_SHARE * (points * chunks as u64) as f64;
     }
 
-    /// Classifies the fine cells by the shadow rays so far, and repairs the visibility map after the second batch, the
-    /// fourth, the eighth, and so on: audits find most mistakes early, and sorting the map again takes a small part of
-    /// a long render. There is no repair after one or two samples per pixel, which find few photons.
+    /// Classifies the fine cells by the shadow rays so far. Repairs the visibility map after the second batch, the
+    /// fourth, the eighth, and so on, because audits find most mistakes early; so sorting the map again takes a small
+    /// part of a long render. There is no repair after one or two samples per pixel, whose audits find few mistakes.
     fn repair_map(&mut self) -> Result<()> {
         let due = self.sampling.samples > 2 && self.sampling.batches.is_power_of_two();
         self.view.lighting.classify_fine_cells(self.gpu, self.sampling.samples)?;

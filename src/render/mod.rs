@@ -2,10 +2,15 @@
 //! files of `src/techniques/` decide what runs for a sample.
 //!
 //! [`renderer`] prepares, [`batches`] has the loop over batches and tiles, [`tiles`] the films, and [`output`] the
-//! image. The other files decide what the next batch is: whether visibility photons pay off ([`trial`]), how much
-//! indirect light is refined ([`refinement`]), which pixels get samples ([`adaptive_sampling`]), and what fits the time
-//! ([`time_limit`]); or they carry a render over interruptions ([`checkpoint`], [`resume`], [`recovery`]), to other
-//! views ([`views`]) and to other machines ([`pieces`]).
+//! image. Other files decide what comes next:
+//!
+//! - [`trial`]: whether visibility photons pay off.
+//! - [`refinement`]: how much indirect light is refined.
+//! - [`adaptive_sampling`]: which pixels get samples.
+//! - [`time_limit`]: what fits the time.
+//!
+//! [`checkpoint`], [`resume`] and [`recovery`] continue a render after an interruption, [`views`] changes its camera,
+//! and [`pieces`] divides it among machines.
 
 mod adaptive_sampling;
 mod backup;
