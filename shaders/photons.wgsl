@@ -126,7 +126,7 @@ fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, prim
     let first = *nearest;
     let met = Nearest(t, primitive, found);
     // The farther of both. One call of `keep` serves both cases: software devices execute both branches, whose loops
-    // would share the iteration budget.
+    // would share the loop budget.
     var farther = met;
     if first.primitive != NO_HIT && coincide(t, first.t) {
         // Coplanar surfaces count as one: that which stores a photon, else that of the lower primitive index.

@@ -48,7 +48,7 @@ pub(crate) struct Totals {
     /// Points that queried the visibility map, and those among them that found too few photons.
     pub mapped_points: u64,
     pub mapped_unknown: u64,
-    /// Rays of visibility photons that reached the loop limit and stored nothing. Points without photons trace shadow
+    /// Rays of visibility photons that exceeded the loop budget and stored nothing. Points without photons trace shadow
     /// rays, so the image is right.
     pub photon_overruns: u64,
     pub devices_lost: u64,
