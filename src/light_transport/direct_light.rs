@@ -79,9 +79,9 @@ impl DirectLightKernels {
     }
 }
 
-/// The parts of the first pass that guide direct light, if the technique has them.
+/// The parts of the first pass that direct light reads, if the technique has them.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Guides<'a> {
+pub(crate) struct DirectInputs<'a> {
     pub visibility_map: Option<&'a VisibilityMap>,
     pub light_sampler: Option<&'a LightSampler>,
     pub fine_cells: Option<&'a FineCellMap>,
@@ -150,10 +150,10 @@ impl DirectLight {
         kernels: DirectLightKernels,
         points: u32,
         settings: &Settings,
-        guides: Guides<'_>,
+        inputs: DirectInputs<'_>,
     ) -> Result<DirectLight> {
         let Shared { gpu, scene, gpu_scene, .. } = *shared;
-        let lights = guides.light_sampler.map_or(scene.lights.len() as u32, LightSampler::lights);
+        let lights = inputs.light_sampler.map_or(scene.lights.len() as u32, LightSampler::lights);
         let sizes = Sizes::new(shared, points, lights, kernels.all_lights_at_once, settings);
         let candidates = points * sizes.lights_in_chunk;
         let classes_shown = settings.image.aovs.contains(&Aov::Shadow);
@@ -165,7 +165,7 @@ impl DirectLight {
             shadow_samples: classes_shown.then(shadow_samples).transpose()?,
         };
         let wide = gpu_scene.lights.lights.iter().any(|light| !light.punctual && light.radius > WIDE_LIGHT);
-        let map = guides.visibility_map;
+        let map = inputs.visibility_map;
         let fixed_dilation = match (map, settings.image.piece) {
             (Some(_), None) => settings.visibility_map.dilate.or(wide.then_some(1)),
             // The pixels next to a boundary may be those of another piece.
@@ -180,7 +180,7 @@ impl DirectLight {
             repair_capacity: map.map_or(0, VisibilityMap::repair_capacity),
             kernels,
         };
-        direct.bind(shared, guides)?;
+        direct.bind(shared, inputs)?;
         Ok(direct)
     }
 
@@ -190,14 +190,14 @@ impl DirectLight {
     }
 
     /// Binds the passes if they are not bound.
-    pub fn bind(&mut self, shared: &Shared<'_>, guides: Guides<'_>) -> Result<()> {
+    pub fn bind(&mut self, shared: &Shared<'_>, inputs: DirectInputs<'_>) -> Result<()> {
         if self.bound.is_some() {
             return Ok(());
         }
         let Shared { gpu, gpu_scene, tile, .. } = *shared;
         let Buffers { classify, visibility, shadow_samples } = &self.buffers;
-        let sampled = SampledLightBindings { sampled_lights: guides.light_sampler.map(LightSampler::sampled_lights) };
-        let fine_cells = guides.fine_cells.map(FineCellMap::bindings).unwrap_or_default();
+        let sampled = SampledLightBindings { sampled_lights: inputs.light_sampler.map(LightSampler::sampled_lights) };
+        let fine_cells = inputs.fine_cells.map(FineCellMap::bindings).unwrap_or_default();
         let scene: [&dyn Bindings; 3] = [gpu_scene, &sampled, &fine_cells];
         let shadow = ShadowBuffers {
             classes: &classify.classes,
@@ -205,7 +205,7 @@ impl DirectLight {
             audit_queue: &classify.audit_queue,
             queue_lengths: &classify.queue_lengths,
             visibility,
-            repairs: guides.visibility_map.map(VisibilityMap::repairs),
+            repairs: inputs.visibility_map.map(VisibilityMap::repairs),
         };
         let shade = ShadeBuffers {
             classes: &classify.classes,
@@ -214,7 +214,7 @@ impl DirectLight {
             sampled_points: classify.sampled_points(),
             queue_lengths: &classify.queue_lengths,
         };
-        let grid = guides.visibility_map.and_then(VisibilityMap::grid);
+        let grid = inputs.visibility_map.and_then(VisibilityMap::grid);
         self.bound = Some(Bound {
             classify: self.kernels.classify.bind(gpu, tile, grid, classify, &scene)?,
             shadow: self.kernels.shadow.bind(gpu, tile, &shadow, &scene)?,
@@ -229,15 +229,15 @@ impl DirectLight {
         shared: &Shared<'_>,
         features: &Features,
         nearest: u32,
-        guides: Guides<'_>,
+        inputs: DirectInputs<'_>,
     ) -> Result<Option<BoundShowCells>> {
-        let grid = guides.visibility_map.and_then(VisibilityMap::grid);
+        let grid = inputs.visibility_map.and_then(VisibilityMap::grid);
         let Shared { gpu, gpu_scene, tile, .. } = *shared;
-        if grid.is_none() && guides.fine_cells.is_none() {
+        if grid.is_none() && inputs.fine_cells.is_none() {
             return Ok(None);
         }
-        let sampled = SampledLightBindings { sampled_lights: guides.light_sampler.map(LightSampler::sampled_lights) };
-        let fine_cells = guides.fine_cells.map(FineCellMap::bindings).unwrap_or_default();
+        let sampled = SampledLightBindings { sampled_lights: inputs.light_sampler.map(LightSampler::sampled_lights) };
+        let fine_cells = inputs.fine_cells.map(FineCellMap::bindings).unwrap_or_default();
         let scene: [&dyn Bindings; 3] = [gpu_scene, &sampled, &fine_cells];
         let kernel = ShowCells::new(gpu, features, nearest)?;
         Ok(Some(kernel.bind(gpu, tile, grid, &self.buffers.classify, &scene)?))

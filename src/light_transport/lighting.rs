@@ -6,7 +6,7 @@ use super::adaptive_testing::AdaptiveTesting;
 use super::audits::Precautions;
 use super::caustic_map::CausticMap;
 use super::cell_visibility::CellVisibility;
-use super::direct_light::{DirectLight, DirectLightKernels, Guides};
+use super::direct_light::{DirectInputs, DirectLight, DirectLightKernels};
 use super::fine_cells::FineCellMap;
 use super::indirect_light::IndirectLight;
 use super::light_sampler::LightSampler;
@@ -40,8 +40,8 @@ pub(crate) struct Lighting {
 }
 
 impl Lighting {
-    fn guides(&self) -> Guides<'_> {
-        Guides {
+    fn inputs(&self) -> DirectInputs<'_> {
+        DirectInputs {
             visibility_map: self.visibility_map.as_ref(),
             light_sampler: self.light_sampler.as_ref(),
             fine_cells: self.fine_cells.as_ref(),
@@ -56,18 +56,18 @@ impl Lighting {
         points: u32,
         settings: &Settings,
     ) -> Result<()> {
-        self.direct = Some(DirectLight::new(shared, kernels, points, settings, self.guides())?);
+        self.direct = Some(DirectLight::new(shared, kernels, points, settings, self.inputs())?);
         Ok(())
     }
 
     fn bind_direct_light(&mut self, shared: &Shared<'_>) -> Result<()> {
-        // Not `self.guides()`: direct light is borrowed at the same time.
-        let guides = Guides {
+        // Not `self.inputs()`: direct light is borrowed at the same time.
+        let inputs = DirectInputs {
             visibility_map: self.visibility_map.as_ref(),
             light_sampler: self.light_sampler.as_ref(),
             fine_cells: self.fine_cells.as_ref(),
         };
-        self.direct.as_mut().map_or(Ok(()), |direct| direct.bind(shared, guides))
+        self.direct.as_mut().map_or(Ok(()), |direct| direct.bind(shared, inputs))
     }
 
     /// Adds the photons of audits to the visibility map and sorts it again, if that is `due` or their buffer is nearly
@@ -88,7 +88,7 @@ impl Lighting {
         features: &Features,
         nearest: u32,
     ) -> Result<Option<BoundShowCells>> {
-        let bind = |direct: &DirectLight| direct.bind_shown_cells(shared, features, nearest, self.guides());
+        let bind = |direct: &DirectLight| direct.bind_shown_cells(shared, features, nearest, self.inputs());
         self.direct.as_ref().map_or(Ok(None), bind)
     }
 

@@ -32,6 +32,17 @@ pub struct Progress {
     pub boundary_share: f64,
 }
 
+/// The samples of a batch.
+struct NextSamples {
+    first_sample: u32,
+    /// Samples per pixel.
+    layers: u32,
+    /// The share of the pixels that get samples.
+    share: f64,
+    /// The pixels that get samples, if not all get as many.
+    batches: Vec<Batch>,
+}
+
 impl Renderer<'_> {
     /// Renders one or more samples of every pixel, and no more than the settings request until these are complete. With
     /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) only pixels that need more samples get any,
@@ -63,18 +74,7 @@ impl Renderer<'_> {
         }
         self.allocate_samples()?;
         let begun = Instant::now();
-        let batch = self.blocks_of_batch();
-        let first_sample = self.first_sample(batch.as_ref());
-        let layers = self.layers_of_batch(limit, first_sample, batch.as_ref());
-        let share = self.share_of_pixels(batch.as_ref());
-        let batches = match (&self.sampling.blocks, batch) {
-            (Some(_), Some(mut batch)) => {
-                batch.missing = layers;
-                vec![batch]
-            }
-            (Some(blocks), None) => blocks.part(layers, first_sample),
-            (None, _) => Vec::new(),
-        };
+        let NextSamples { first_sample, layers, share, batches } = self.next_samples(limit);
         if self.sampling.batches > 0 && self.piece_sums.is_none() {
             self.repair_map()?;
         }
@@ -114,6 +114,23 @@ impl Renderer<'_> {
         self.totals.time_render += start.elapsed().as_secs_f64();
         self.sampling.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / (f64::from(layers) * share));
         Ok(self.progress())
+    }
+
+    /// The samples of the next batch, at most `limit` per pixel.
+    fn next_samples(&self, limit: u32) -> NextSamples {
+        let batch = self.blocks_of_batch();
+        let first_sample = self.first_sample(batch.as_ref());
+        let layers = self.layers_of_batch(limit, first_sample, batch.as_ref());
+        let share = self.share_of_pixels(batch.as_ref());
+        let batches = match (&self.sampling.blocks, batch) {
+            (Some(_), Some(mut batch)) => {
+                batch.missing = layers;
+                vec![batch]
+            }
+            (Some(blocks), None) => blocks.part(layers, first_sample),
+            (None, _) => Vec::new(),
+        };
+        NextSamples { first_sample, layers, share, batches }
     }
 
     fn progress(&self) -> Progress {
