@@ -8,15 +8,14 @@
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, pixel_by_pixel, tile_pixel, tile_sample, pixel_seed};
-import package::lib::camera::camera_ray;
+import package::lib::camera::{CameraRay, camera_ray};
 @if(thin_lens) import package::lib::lens::through_lens;
 @if(thin_lens) import package::lib::constants::DIMENSION_LENS;
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{no_ray, trace_closest_together};
 @if(specular_chains) import package::lib::packet::in_any_lane;
 @if(environment && (!hidden_environment || specular_chains)) import package::lib::environment::environment_radiance;
-import package::lib::ray::{NO_HIT, RaySample};
-@if(alpha_test && guides) import package::lib::ray::Hit;
+import package::lib::ray::{Hit, NO_HIT, RaySample};
 import package::lib::surface::{SurfaceHit, surface_at};
 import package::lib::math::{is_finite4, oct_encode16, invalid_sample};
 import package::lib::rng::hash2;
@@ -63,36 +62,17 @@ fn primary(
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     @if(!thin_lens) let camera = camera_ray(film);
     @if(thin_lens) let camera = through_lens(camera_ray(film), sobol2(sample_index, hash2(seed, DIMENSION_LENS)));
-    var ray = no_ray();
-    if has_point { ray = camera.ray; }
-    let hit = trace_closest_together(ray, RaySample(hash2(seed, DIMENSION_ALPHA), sample_index), lane);
-    let met = hit.triangle != NO_HIT;
-    var found: SurfaceHit;
-    var direct = vec4f(0.0);
-    @if(environment && !hidden_environment) {
-        if !met { direct = vec4f(environment_radiance(camera.ray.direction), 1.0); }
-    }
-    @if(aov_albedo) var albedo = vec4f(0.0);
-    @if(aov_normal) var normal = vec4f(0.0);
-    @if(aov_position) var position = vec4f(0.0);
     @if(dispersion) { begin_wavelengths(seed, sample_index, vec3f(1.0)); }
-    if met {
-        found = surface_at(hit, camera.ray);
-        direct = vec4f(found.emission, 1.0);
-        @if(aov_albedo) { albedo = vec4f(found.base_colour, 1.0); }
-        @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }
-        @if(aov_position) { position = vec4f(found.triangle_position, hit.t * camera.cosine); }
-    }
-    @if(guides && alpha_test) { chance = chance_of_blending(hit); }
-    @if(specular_chains) let chain = chain_from(&found, &direct, met, seed, sample_index, lane);
+    var view = view_along(camera, seed, sample_index, has_point, lane);
+    let found = view.found;
     if !has_point { return; }
     @if(guides) {
         var guide_albedo = vec3f(0.0);
         var guide_normal = vec3f(0.0);
         var guide_position = vec4f(0.0);
-        if met {
+        if view.met {
             guide_albedo = found.base_colour;
-            @if(specular_chains) { guide_albedo *= chain.xyz; }
+            @if(specular_chains) { guide_albedo *= view.throughput; }
             guide_normal = found.surface.shading_normal;
             guide_position = vec4f(found.triangle_position, 1.0);
         }
@@ -103,15 +83,16 @@ fn primary(
     }
 
     var point = Point(vec3f(0.0), INVALID_POINT);
-    if met {
+    if view.met {
         @if(specular_chains) let ends = found.unlit || is_clear(found.surface);
         @if(!specular_chains) let ends = found.unlit;
         if !ends { point = Point(found.position, oct_encode16(found.surface.geometric_normal)); }
         var surface = visible_surface_of(found);
-        @if(specular_chains) { surface.chain = chain; }
+        @if(specular_chains) { surface.chain = vec4f(view.throughput, bitcast<f32>(view.way_back)); }
         @if(thin_lens) { surface.eye = vec4f(camera.ray.origin, 0.0); }
         surfaces[i] = surface;
     }
+    var direct = view.direct;
     if !is_finite4(direct + vec4f(point.position, 0.0)) { atomicAdd(&counters[COUNTER_NOT_FINITE_PRIMARY], 1u); }
     // The hit of a traversal that gave up is wrong.
     if traversal_overrun {
@@ -121,9 +102,9 @@ fn primary(
     }
     points[i] = point;
     radiance_direct[i] = direct;
-    @if(aov_albedo) { albedo_samples[i] = albedo; }
-    @if(aov_normal) { normal_samples[i] = normal; }
-    @if(aov_position) { position_samples[i] = position; }
+    @if(aov_albedo) { albedo_samples[i] = view.albedo; }
+    @if(aov_normal) { normal_samples[i] = view.normal; }
+    @if(aov_position) { position_samples[i] = view.position; }
 }
 
 // Random choices of the camera ray: x is 1 if the surface that the ray shows was chosen at random; y is 1 if it is a
@@ -141,58 +122,113 @@ fn chance_of_blending(hit: Hit) -> vec2f {
 // left in it.
 @if(specular_chains) const MAX_LINKS = 32u;
 
-// Follows the camera's ray, where it met a surface, through clear glass and over mirrors to a surface that is neither,
-// and leaves that in `found`; where there is no such surface, the chain's last one. Adds the emission along the chain
-// to `direct`. Gives the chain's throughput and the direction back along it, as VisibleSurface has them.
-@if(specular_chains)
-fn chain_from(
-    found: ptr<function, SurfaceHit>,
-    direct: ptr<function, vec4f>,
+// What the camera's ray shows.
+struct View {
+    // The ray met a surface.
     met: bool,
-    seed: u32,
-    sample_index: u32,
-    lane: u32,
-) -> vec4f {
-    var throughput = vec3f(1.0);
-    var way_back = INVALID_POINT;
-    var goes_on = met;
+    // That surface; where the ray went on through clear glass and over mirrors, the surface that is neither, or, where
+    // there is none, the last one.
+    found: SurfaceHit,
+    // Emission on the way, as `radiance_direct` has it.
+    direct: vec4f,
+    // The throughput of the specular chain and the direction back along it, as VisibleSurface has them.
+    @if(specular_chains) throughput: vec3f,
+    @if(specular_chains) way_back: u32,
+    // Where the camera's ray itself arrived.
+    @if(aov_albedo) albedo: vec4f,
+    @if(aov_normal) normal: vec4f,
+    @if(aov_position) position: vec4f,
+}
+
+@if(!specular_chains)
+fn view_along(camera: CameraRay, seed: u32, sample_index: u32, has_point: bool, lane: u32) -> View {
+    var view: View;
+    var ray = no_ray();
+    if has_point { ray = camera.ray; }
+    let hit = trace_closest_together(ray, RaySample(hash2(seed, DIMENSION_ALPHA), sample_index), lane);
+    @if(guides && alpha_test) { chance = chance_of_blending(hit); }
+    view.met = hit.triangle != NO_HIT;
+    @if(environment && !hidden_environment) {
+        if !view.met { view.direct = vec4f(environment_radiance(camera.ray.direction), 1.0); }
+    }
+    if view.met {
+        view.found = surface_at(hit, camera.ray);
+        view.direct = vec4f(view.found.emission, 1.0);
+        add_channels(&view, hit, camera.cosine);
+    }
+    return view;
+}
+
+// Follows the camera's ray, through clear glass and over mirrors, to a surface that is neither. The camera's ray and
+// those after it are traced in one place, as lavapipe compiles each: it took half as long again with two.
+@if(specular_chains)
+fn view_along(camera: CameraRay, seed: u32, sample_index: u32, has_point: bool, lane: u32) -> View {
+    var view: View;
+    view.throughput = vec3f(1.0);
+    view.way_back = INVALID_POINT;
+    var ray = no_ray();
+    if has_point { ray = camera.ray; }
+    var sample = RaySample(hash2(seed, DIMENSION_ALPHA), sample_index);
+    var goes_on = has_point;
     var links = 0u;
-    for (var link = 0u; link < MAX_LINKS; link++) {
-        goes_on &= !(*found).unlit && is_clear((*found).surface);
+    for (var link = 0u; ; link++) {
+        let is_first = link == 0u;
+        let hit = trace_closest_together(ray, sample, lane);
+        @if(guides && alpha_test) { if is_first { chance = chance_of_blending(hit); } }
+        let ends = hit.triangle == NO_HIT || (traversal_overrun && !is_first);
+        // The image's alpha.
+        let alpha = select(0.0, 1.0, is_first);
+        @if(environment && hidden_environment) let shows = !is_first;
+        @if(environment && !hidden_environment) let shows = true;
+        @if(environment) {
+            if goes_on && ends && shows {
+                view.direct += vec4f(view.throughput * environment_radiance(ray.direction), alpha);
+            }
+        }
+        goes_on &= !ends;
+        if goes_on {
+            @if(dispersion) { if !is_first { carry(view.throughput); } }
+            view.found = surface_at(hit, ray);
+            @if(transmission) { if !is_first { view.throughput *= view.found.transmittance; } }
+            view.direct += vec4f(view.throughput * view.found.emission, alpha);
+            if is_first {
+                view.met = true;
+                add_channels(&view, hit, camera.cosine);
+            } else {
+                view.way_back = oct_encode16(-ray.direction);
+            }
+        }
+        goes_on &= link < MAX_LINKS && !view.found.unlit && is_clear(view.found.surface);
         let link_seed = hash3(seed, DIMENSION_CHAIN, link);
-        var ray = no_ray();
+        sample = RaySample(~link_seed, sample_index);
+        ray = no_ray();
         if goes_on {
             let lobe = sobol1(sample_index, hash2(link_seed, 1u));
-            let scattered = bsdf_sample((*found).surface, vec3f(sobol2(sample_index, link_seed), lobe));
+            let scattered = bsdf_sample(view.found.surface, vec3f(sobol2(sample_index, link_seed), lobe));
             goes_on = scattered.pdf > 0.0;
             if goes_on {
-                throughput *= scattered.weight;
+                view.throughput *= scattered.weight;
                 links++;
                 @if(guides && transmission) {
-                    if transmission_is_present((*found).surface.transmission) {
+                    if transmission_is_present(view.found.surface.transmission) {
                         chance.x = 1.0;
-                        if !bsdf_passes((*found).surface, scattered.direction) { chance.y = 1.0; }
+                        if !bsdf_passes(view.found.surface, scattered.direction) { chance.y = 1.0; }
                     }
                 }
-                let origin = offset_origin((*found).position, leaving_normal((*found).surface, scattered.direction));
+                let normal = leaving_normal(view.found.surface, scattered.direction);
+                let origin = offset_origin(view.found.position, normal);
                 ray = Ray(origin, 0.0, scattered.direction, BEYOND_SCENE);
             }
         }
         if !in_any_lane(goes_on, lane) { break; }
-        let hit = trace_closest_together(ray, RaySample(~link_seed, sample_index), lane);
-        let ends = hit.triangle == NO_HIT || traversal_overrun;
-        @if(environment) {
-            if goes_on && ends { *direct += vec4f(throughput * environment_radiance(ray.direction), 0.0); }
-        }
-        goes_on &= !ends;
-        if goes_on {
-            @if(dispersion) { carry(throughput); }
-            *found = surface_at(hit, ray);
-            @if(transmission) { throughput *= (*found).transmittance; }
-            *direct += vec4f(throughput * (*found).emission, 0.0);
-            way_back = oct_encode16(-ray.direction);
-        }
     }
     if links > 0u { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], links); }
-    return vec4f(throughput, bitcast<f32>(way_back));
+    return view;
+}
+
+// Fills in the AOVs of the surface that the camera's ray itself met.
+fn add_channels(view: ptr<function, View>, hit: Hit, cosine: f32) {
+    @if(aov_albedo) { (*view).albedo = vec4f((*view).found.base_colour, 1.0); }
+    @if(aov_normal) { (*view).normal = vec4f((*view).found.surface.shading_normal, 1.0); }
+    @if(aov_position) { (*view).position = vec4f((*view).found.triangle_position, hit.t * cosine); }
 }

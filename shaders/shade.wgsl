@@ -24,7 +24,7 @@ import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candi
 @if(light_sampling) import package::lib::sampled_light::candidate_weight;
 import package::lib::bsdf::surface::Surface;
 import package::lib::bsdf::bsdf_diffuse;
-@if(glossy) import package::lib::bsdf::{bsdf_max_density, bsdf_residual};
+@if(glossy) import package::lib::bsdf::{bsdf_less, bsdf_max_density};
 @if(bsdf_rays) import package::lib::bsdf::bsdf_pdf;
 @if(closed_forms && glossy) import package::lib::bsdf_rays::one_light_point_suffices;
 @if(bsdf_rays) import package::lib::bsdf_rays::takes_bsdf_rays;
@@ -75,6 +75,8 @@ struct ShadingPoint {
     @if(closed_forms && (smooth_normals || normal_maps)) flat: bool,
     // Upper bound of the density of directions sampled from the BSDF; 0 where the BSDF is diffuse alone.
     @if(glossy) max_density: f32,
+    // The diffuse part of the BSDF.
+    diffuse: vec3f,
 }
 
 // The diffuse and the remaining part of a light point's contribution over its pdf.
@@ -90,10 +92,10 @@ fn contribution(shading: ShadingPoint, sampled: LightSample, light: u32, with_re
     }
     let incident = sampled.radiance / sampled.pdf;
     let cosine = max(dot(shading.surface.shading_normal, sampled.direction), 0.0);
-    let diffuse = bsdf_diffuse(shading.surface) * cosine * incident;
+    let diffuse = shading.diffuse * cosine * incident;
     @if(glossy) {
         if !with_residual { return Contribution(diffuse, vec3f(0.0)); }
-        var residual = bsdf_residual(shading.surface, sampled.direction) * incident;
+        var residual = bsdf_less(shading.surface, sampled.direction, shading.diffuse) * incident;
         // The first ray of the path from here may meet the light too: pass `path` has the other weight.
         @if(bsdf_rays) {
             if !sampled.delta && takes_bsdf_rays(shading.max_density, shading.position, light) {
@@ -225,7 +227,7 @@ fn direct_light(shading: ShadingPoint, light: u32, candidate: u32, word: u32, te
     var radiance = vec3f(0.0);
     @if(closed_forms) {
         if terms.decided && known.closed && known.visibility > 0.0 {
-            radiance = known.visibility * bsdf_diffuse(shading.surface)
+            radiance = known.visibility * shading.diffuse
                 * light_unshadowed_irradiance(light, shading.position, shading.surface.shading_normal);
         }
     }
@@ -287,6 +289,7 @@ fn shade_point(i: u32, terms: Terms) -> bool {
     @if(closed_forms && (smooth_normals || normal_maps)) {
         shading.flat = bitcast<u32>(stored.packed.base.w) == point.normal;
     }
+    shading.diffuse = bsdf_diffuse(shading.surface);
     @if(glossy) { shading.max_density = bsdf_max_density(shading.surface); }
     var sum = vec3f(0.0);
     var others = false;

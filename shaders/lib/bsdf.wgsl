@@ -510,8 +510,10 @@ fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
         if normals_differ && !faced { return result; }
         result.pdf = bsdf_pdf(s, direction);
         if result.pdf <= 0.0 { return result; }
-        result.residual = bsdf_residual(s, direction);
-        result.weight = (diffuse_reflection(s, direction) + result.residual) / result.pdf;
+        let diffuse = bsdf_diffuse(s);
+        result.residual = bsdf_less(s, direction, diffuse);
+        let cosine = select(0.0, dot(direction, s.shading_normal), base_faced);
+        result.weight = (diffuse * cosine + result.residual) / result.pdf;
         @if(transmission) {
             let eta = s.transmission.eta;
             result.concentration = vec3f(select(1.0, eta * eta, bsdf_passes(s, direction)));

@@ -16,11 +16,11 @@ import package::lib::bsdf::surface::Surface;
 @if(indirect && transmission) import package::lib::bsdf::surface::passes_light;
 import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, leaving_normal};
 @if(transmission) import package::lib::bsdf::bsdf_passes;
-@if(glossy && (global_map || bsdf_rays)) import package::lib::bsdf::bsdf_residual;
+@if(global_map && glossy) import package::lib::bsdf::bsdf_less;
 @if(bsdf_rays) import package::lib::bsdf::bsdf_max_density;
 @if(bsdf_rays) import package::lib::bsdf_rays::takes_bsdf_rays;
 @if(global_map) import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
-@if(caustic_irradiance) import package::lib::bsdf::bsdf_diffuse;
+@if(caustic_irradiance || (global_map && glossy)) import package::lib::bsdf::bsdf_diffuse;
 @if(caustics) import package::lib::bsdf::focuses;
 @if(global_map && glossy) import package::lib::bsdf::blurred_surface;
 import package::lib::bvh::{traversal_iterations, traversal_overrun};
@@ -208,10 +208,13 @@ fn light_throughput(path: ptr<function, Path>) -> vec3f {
     @else { return (*path).throughput; }
 }
 
-// The BSDF times the cosine, or its residual part.
+// The BSDF times the cosine, or its residual part: in one place, as lavapipe compiles each that evaluates it.
 fn reflection(vertex: PathVertex, direction: vec3f) -> vec3f {
-    @if(global_map && glossy) { if vertex.residual { return bsdf_residual(vertex.surface, direction); } }
-    return bsdf_evaluate(vertex.surface, direction);
+    @if(global_map && glossy) {
+        let diffuse = select(vec3f(0.0), bsdf_diffuse(vertex.surface), vertex.residual);
+        return bsdf_less(vertex.surface, direction, diffuse);
+    }
+    @else { return bsdf_evaluate(vertex.surface, direction); }
 }
 
 // A shadow ray to one sampled light.
