@@ -75,11 +75,6 @@ fn path(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    if lane == 0u {
-        atomicStore(&group_shadow_rays, 0u);
-        atomicStore(&group_bounce_rays, 0u);
-    }
-    workgroupBarrier();
     var i = group_index(group, groups) * PATH_GROUP + lane;
     var items = parameters.tile.point_count;
     @if(irradiance_cache) { items = path_count[0]; }
@@ -89,6 +84,12 @@ fn path(
     // Lanes without a point trace no rays together with the others.
     let begins = there && load_point(i).normal != INVALID_POINT && light_count() > 0u;
     var found = radiance_along(i, begins, lane);
+    // Behind the path: lavapipe compiles what follows a barrier twice, and keeps its variables in memory.
+    if lane == 0u {
+        atomicStore(&group_shadow_rays, 0u);
+        atomicStore(&group_bounce_rays, 0u);
+    }
+    workgroupBarrier();
     if there {
         var indirect = vec3f(0.0);
         var finite = true;

@@ -198,8 +198,6 @@ fn photons(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    if lane == 0u { atomicStore(&group_length, 0u); }
-    workgroupBarrier();
     let i = group_index(group, groups) * 64u + lane;
     var kept: Kept;
     var nearest = Nearest(FAR, NO_HIT, Arrival(vec3f(0.0), false));
@@ -224,6 +222,9 @@ fn photons(
         meet_triangle(&kept, &nearest, hits.first, ray.direction);
         @if(packets) { meet_triangle(&kept, &nearest, hits.second, ray.direction); }
     }
+    // Behind the ray: lavapipe compiles what follows a barrier twice, and keeps its variables in memory.
+    if lane == 0u { atomicStore(&group_length, 0u); }
+    workgroupBarrier();
     if there {
         @if(procedurals) { meet_procedurals(&kept, &nearest, ray); }
         stored = kept.count + u32(nearest.arrival.stores);

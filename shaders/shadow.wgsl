@@ -58,7 +58,7 @@ var<workgroup> rays_traced: atomic<u32>;
 var<workgroup> penumbra_points: atomic<u32>;
 var<workgroup> penumbra_rays: atomic<u32>;
 // Audits that contradict the class, and those of them near boundaries.
-@if(audit) var<workgroup> wrong: atomic<u32>;
+@if(audit) var<workgroup> wrong_audits: atomic<u32>;
 @if(audit) var<workgroup> wrong_near: atomic<u32>;
 
 // The inputs of a candidate's rays.
@@ -195,16 +195,17 @@ fn shadow(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
+    let item = group_index(group, groups) * 64u + lane;
+    var queued = Queued(0u, item < queue_lengths[QUEUE_BOUNDARY]);
+    if queued.there { queued.candidate = boundary_queue[item]; }
+    let rays = trace_candidate(queued, lane);
+    // Behind the rays: lavapipe compiles what follows a barrier twice, and keeps its variables in memory.
     if lane == 0u {
         atomicStore(&rays_traced, 0u);
         atomicStore(&penumbra_points, 0u);
         atomicStore(&penumbra_rays, 0u);
     }
     workgroupBarrier();
-    let item = group_index(group, groups) * 64u + lane;
-    var queued = Queued(0u, item < queue_lengths[QUEUE_BOUNDARY]);
-    if queued.there { queued.candidate = boundary_queue[item]; }
-    let rays = trace_candidate(queued, lane);
     if queued.there {
         atomicAdd(&rays_traced, rays.x);
         if rays.y > 0u && rays.y < rays.x {
@@ -222,10 +223,19 @@ fn shadow(
     }
 }
 
-// Traces the audit's ray; whether it reached the light. Where it contradicts the class, adds a photon of the other
-// kind.
+// What an audit found.
 @if(audit)
-fn audit_candidate(queued: Queued, lane: u32) -> bool {
+struct Audited {
+    // The light is visible, as the ray shows, or by class where the light point faces away.
+    visible: bool,
+    traced: bool,
+    // The ray contradicts the class.
+    wrong: bool,
+}
+
+// Traces the audit's ray. Where it contradicts the class, adds a photon of the other kind.
+@if(audit)
+fn audit_candidate(queued: Queued, lane: u32) -> Audited {
     let candidate = queued.candidate;
     let c = load_candidate(candidate);
     let sampled = audit_light_sample(c.light, c.position, c.seed, c.sample_index);
@@ -236,12 +246,10 @@ fn audit_candidate(queued: Queued, lane: u32) -> bool {
     let ray_sample = RaySample(~hash2(c.seed, DIMENSION_SHADOW_ALPHA + c.light), c.sample_index);
     let visible = !trace_occluded_together(ray, ray_sample, lane);
     // If the light point faces away, no ray is traced, and the class is kept.
-    if !faces { return lit; }
-    atomicAdd(&rays_traced, 1u);
+    if !faces { return Audited(lit, false, false); }
     @if(fine_cells) { store_in_fine_cell(c, u32(visible), u32(!visible)); }
-    if visible != lit && !traversal_overrun {
-        atomicAdd(&wrong, 1u);
-        if is_near(classes[candidate]) { atomicAdd(&wrong_near, 1u); }
+    let wrong = visible != lit && !traversal_overrun;
+    if wrong {
         @if(visibility_map) {
             let index = atomicAdd(&repairs[0], 1u);
             if index < parameters.repair_capacity {
@@ -251,7 +259,7 @@ fn audit_candidate(queued: Queued, lane: u32) -> bool {
             }
         }
     }
-    return visible;
+    return Audited(visible, true, wrong);
 }
 
 @if(audit)
@@ -261,12 +269,6 @@ fn audit(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    if lane == 0u {
-        atomicStore(&rays_traced, 0u);
-        atomicStore(&wrong, 0u);
-        atomicStore(&wrong_near, 0u);
-    }
-    workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
     var queued = Queued(0u, item < queue_lengths[QUEUE_AUDIT]);
     if queued.there {
@@ -274,15 +276,27 @@ fn audit(
         // Dilation has made a boundary of some.
         queued.there = is_decided(class_of(classes[queued.candidate]));
     }
-    let visible = audit_candidate(queued, lane);
+    let found = audit_candidate(queued, lane);
+    // Behind the rays, as in `shadow`.
+    if lane == 0u {
+        atomicStore(&rays_traced, 0u);
+        atomicStore(&wrong_audits, 0u);
+        atomicStore(&wrong_near, 0u);
+    }
+    workgroupBarrier();
+    if found.traced { atomicAdd(&rays_traced, 1u); }
+    if found.wrong {
+        atomicAdd(&wrong_audits, 1u);
+        if is_near(classes[queued.candidate]) { atomicAdd(&wrong_near, 1u); }
+    }
     if queued.there {
-        visibility[queued.candidate * parameters.visibility_words] = u32(visible);
+        visibility[queued.candidate * parameters.visibility_words] = u32(found.visible);
         if traversal_overrun { drop_sample(queued.candidate); }
     }
     workgroupBarrier();
     if lane == 0u {
         atomicAdd(&counters[COUNTER_AUDIT_RAYS], atomicLoad(&rays_traced));
-        atomicAdd(&counters[COUNTER_AUDITS_WRONG], atomicLoad(&wrong));
+        atomicAdd(&counters[COUNTER_AUDITS_WRONG], atomicLoad(&wrong_audits));
         atomicAdd(&counters[COUNTER_AUDITS_WRONG_NEAR], atomicLoad(&wrong_near));
     }
 }
