@@ -74,6 +74,8 @@ kernel_kit::features! {
         FarEmitters,
         /// Scene: some mesh light has an emissive texture.
         EmissiveTextures,
+        /// Scene: some mesh light is transparent in parts, which do not emit.
+        EmissiveAlpha,
         /// Camera: it has an iris, so that points out of focus are blurred.
         ThinLens,
         /// Setting: the camera does not see the environment.

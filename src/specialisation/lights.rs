@@ -39,6 +39,9 @@ impl Specialisation {
             "no emission is textured",
             "texture lookups at every light point",
         );
+        let (on, why) = some_lights(m.transparent_lights);
+        let unneeded = "no mesh light is transparent in parts";
+        self.decide(Feature::EmissiveAlpha, on, why, unneeded, "the alpha test at every light point");
 
         self.decide(
             Feature::DarkPoints,

@@ -121,6 +121,7 @@ pub(super) struct Facts {
     pub(super) spot_lights: usize,
     pub(super) directional_lights: usize,
     pub(super) textured_lights: usize,
+    pub(super) transparent_lights: usize,
 }
 
 impl Specialisation {
@@ -167,8 +168,9 @@ impl Facts {
             match &light.kind {
                 LightKind::Mesh { material, .. } => {
                     facts.mesh_lights += 1;
-                    let textured = scene.materials[*material as usize].emissive_texture.is_some();
-                    facts.textured_lights += usize::from(textured);
+                    let material = &scene.materials[*material as usize];
+                    facts.textured_lights += usize::from(material.emissive_texture.is_some());
+                    facts.transparent_lights += usize::from(material.alpha != AlphaMode::Opaque);
                 }
                 LightKind::Point { .. } => facts.point_lights += 1,
                 LightKind::Spot { .. } => facts.spot_lights += 1,

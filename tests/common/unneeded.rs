@@ -55,6 +55,7 @@ pub const UNNEEDED: &[Unneeded] = &[
     beside(Feature::NormalMaps, &[Feature::Textures]),
     beside(Feature::EmissiveTextures, &[Feature::Textures]),
     alone(Feature::AlphaTest),
+    beside(Feature::EmissiveAlpha, &[Feature::AlphaTest]),
     alone(Feature::Unlit),
     alone(Feature::Glossy),
     beside(Feature::BsdfRays, &[Feature::Glossy]),

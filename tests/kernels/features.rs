@@ -54,10 +54,15 @@ impl Selection {
             Material { normal_texture: texture(0), ..plain.clone() },
             lamp.clone(),
             Material { emissive_texture: texture(0), ..lamp.clone() },
+            Material { alpha: AlphaMode::Mask { cutoff: 0.5 }, ..lamp.clone() },
         ];
         // Half of the scenes are without lobes.
         let has_lobe = |property: u64| self.has(55) && self.has(property);
-        for (i, material) in (0..).zip(materials).filter(|(i, _)| if *i == 0 { has_lobe(0) } else { self.has(*i) }) {
+        for (i, material) in (0..).zip(materials).filter(|(i, _)| match i {
+            0 => has_lobe(0),
+            8 => self.has(59),
+            _ => self.has(*i),
+        }) {
             meshes.push((panel(i as f64 - 4.0), material));
         }
         let normal_texture = texture(0).filter(|_| self.has(48));
@@ -267,7 +272,7 @@ fn parameters_fit_a_uniform_buffer() {
 /// with unused terms, and for the few paths that take another way because of them.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
-    const FORCED: [Feature; 25] = [
+    const FORCED: [Feature; 26] = [
         Feature::Needles,
         Feature::Textures,
         Feature::Uv1,
@@ -293,6 +298,7 @@ fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
         Feature::ManyEmitters,
         Feature::EmitterPairs,
         Feature::EmissiveTextures,
+        Feature::EmissiveAlpha,
     ];
     let room = || {
         let lamp = square(DVec3::new(0.0, 0.45, 0.0), 0.2 * DVec3::X, 0.2 * DVec3::Z);

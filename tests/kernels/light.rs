@@ -880,6 +880,7 @@ fn every_set_of_kinds_composes() {
         let features =
             kinds.iter().enumerate().fold(Features::default(), |f, (i, kind)| f.with(*kind, set >> i & 1 == 1));
         let features = features.with(Feature::MeshLights, true).with(Feature::EmissiveTextures, set & 1 == 1);
+        let features = features.with(Feature::EmissiveAlpha, set & 2 == 2);
         for kernel in ["path", "shadow"] {
             compose(kernel, &features).unwrap();
         }

@@ -1,6 +1,6 @@
 // Mesh lights: the triangles of one node and one emissive material.
 
-@if(alpha_test) import package::lib::alpha::alpha_coverage;
+@if(emissive_alpha) import package::lib::alpha::alpha_coverage;
 import package::lib::constants::{
     EMITTER_TEXELS, LIGHT_CONTOUR_TEXEL, LIGHT_CLOSED_FORM, LIGHT_COVERAGE, LIGHT_EMISSION_TEXEL, LIGHT_KIND_TEXEL,
     LIGHT_NO_AXIS, LIGHT_SPHERE_TEXEL, LIGHT_SAMPLING_TEXEL, LIGHT_TWO_SIDED,
@@ -32,7 +32,7 @@ fn mesh_point(light: u32, header: vec4u, triangle: EmitterTriangle, uv: vec2f) -
     var radiance: vec3f;
     @if(emissive_textures) { radiance = emission_at(triangle.index, uv.x, uv.y); }
     @else { radiance = light_texel_f32(light, LIGHT_EMISSION_TEXEL).xyz; }
-    @if(alpha_test) {
+    @if(emissive_alpha) {
         // Transparent parts do not emit.
         if (header.x & LIGHT_COVERAGE) != 0u { radiance *= alpha_coverage(triangle.index, uv.x, uv.y); }
     }
