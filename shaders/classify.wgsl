@@ -333,6 +333,7 @@ const DILATE_COSINE = 0.9063;
 
 // A lit or shadowed candidate becomes a boundary if a neighbour on the same surface is a boundary or unknown.
 // Boundaries are few and queued, so each of them visits its neighbours.
+@if(visibility_map)
 @compute @workgroup_size(64)
 fn dilate(
     @builtin(workgroup_id) group: vec3u,
@@ -503,6 +504,7 @@ fn queue_each(queue: u32, before: u32, bits: u32, first: u32) {
 }
 
 // Fills the queues from classes that another pass found.
+@if(cells || light_buffer || ward)
 @compute @workgroup_size(64)
 fn compact(
     @builtin(workgroup_id) group: vec3u,

@@ -127,6 +127,8 @@ pub struct Classify {
     kernel: Kernel,
     /// Whether there is a visibility map.
     map: bool,
+    /// Whether another pass writes classes.
+    classes_of_others: bool,
 }
 
 /// The pass, bound.
@@ -135,8 +137,10 @@ pub struct BoundClassify {
     classify: BoundKernel,
     /// Requests of the points whose cell has no class yet; `None` without a visibility map.
     requests: Option<CellRequests>,
-    dilate: BoundKernel,
-    compact: BoundKernel,
+    /// `None` without a visibility map, whose classes alone have boundaries to widen.
+    dilate: Option<BoundKernel>,
+    /// `None` unless another pass writes classes.
+    compact: Option<BoundKernel>,
     arrange: BoundKernel,
     /// Invocations of a workgroup of each kernel.
     group: u32,
@@ -159,7 +163,9 @@ impl Classify {
         super::grid::check_nearest(nearest)?;
         let constants = [("nearest", f64::from(nearest))];
         let kernel = kernel(gpu, "classify", features, &constants, &[ClassifyBindings::DECLARED])?;
-        Ok(Classify { kernel, map: features.has(Feature::VisibilityMap) })
+        let others = [Feature::Cells, Feature::LightBuffer, Feature::Ward];
+        let classes_of_others = others.iter().any(|other| features.has(*other));
+        Ok(Classify { kernel, map: features.has(Feature::VisibilityMap), classes_of_others })
     }
 
     /// Binds the pass to a tile's points, the visibility map (where there is one) and the scene.
@@ -191,8 +197,8 @@ impl Classify {
                 }),
                 _ => None,
             },
-            dilate: bind("dilate")?,
-            compact: bind("compact")?,
+            dilate: self.map.then(|| bind("dilate")).transpose()?,
+            compact: self.classes_of_others.then(|| bind("compact")).transpose()?,
             arrange: bind("arrange_queue")?,
             group: self.kernel.workgroup_size("classify").unwrap_or(1),
         })
@@ -292,18 +298,20 @@ impl BoundClassify {
 
     /// Widens boundaries by [`Chunk::dilate`] pixels: adds the candidates around them to their queue.
     pub fn dilate(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
-        if chunk.dilate > 0 {
+        if let Some(dilate) = self.dilate.as_ref().filter(|_| chunk.dilate > 0) {
             self.record_arguments(frame, tile, chunk, Queue::Boundary, self.group);
             let parameters = self.parameters(tile, chunk, Queue::Boundary, self.group);
             let offset = Queue::Boundary.arguments_offset();
-            frame.run_indirect(&self.dilate, &buffers.queue_arguments, offset, &parameters);
+            frame.run_indirect(dilate, &buffers.queue_arguments, offset, &parameters);
         }
     }
 
     /// Counts the classes that another pass wrote, and queues the candidates that need shadow rays. The queues must be
-    /// empty.
+    /// empty. Without other passes there are none.
     pub fn compact(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
-        self.run_over_candidates(frame, &self.compact, tile, chunk);
+        if let Some(compact) = &self.compact {
+            self.run_over_candidates(frame, compact, tile, chunk);
+        }
     }
 
     fn run_over_candidates(&self, frame: &mut Frame<'_>, kernel: &BoundKernel, tile: &Tile, chunk: &Chunk) {

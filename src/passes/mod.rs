@@ -143,8 +143,21 @@ pub(crate) fn kernel(
         let composed = compose_for(gpu, stem, features)?;
         let constants = &composed.overrides(&[constants, &[("surface_vectors", f64::from(vectors))]].concat());
         let opaque = &[("VisibleSurface", size_of::<[f32; 4]>() * vectors as usize)];
-        Ok(Kernel::new(gpu, &composed, &Host { constants, shared: SHARED, opaque, own, common: Some(COMMON) })?)
+        Ok(Kernel::new(
+            gpu,
+            &composed,
+            &Host { constants, shared: SHARED, opaque, own, common: Some(COMMON), late: late_entries(stem) },
+        )?)
     })
+}
+
+/// The entry points of a kernel that change what earlier samples gave, which first samples do not do.
+fn late_entries(stem: &str) -> &'static [&'static str] {
+    match stem {
+        "cache" => &["change"],
+        "film" => &["take_snapshot", "correct", "correct_squares"],
+        _ => &[],
+    }
 }
 
 /// Compiles the entry points of a kernel that belongs to no pass, but uses the passes' structs. `own` are its own
@@ -153,7 +166,7 @@ pub(crate) fn kernel(
 /// # Errors
 /// As [`Kernel::new`].
 pub fn new_kernel(gpu: &Gpu, composed: &Composed, constants: &[(&str, f64)], own: &[Declared]) -> Result<Kernel> {
-    Ok(Kernel::new(gpu, composed, &Host { constants, shared: SHARED, opaque: &[], own, common: None })?)
+    Ok(Kernel::new(gpu, composed, &Host { constants, shared: SHARED, opaque: &[], own, common: None, late: &[] })?)
 }
 
 bindings! {

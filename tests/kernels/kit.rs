@@ -20,7 +20,7 @@ pub fn new_kernel(
     let own = &[Declared { required, optional: &[] }];
     // Surfaces of these tests are Lambertian and flat: albedo and normal alone.
     let opaque = &[("VisibleSurface", size_of::<[f32; 4]>())];
-    Kernel::new(gpu, composed, &Host { constants, shared: SHARED, opaque, own, common: None })
+    Kernel::new(gpu, composed, &Host { constants, shared: SHARED, opaque, own, common: None, late: &[] })
 }
 
 /// A table of records, as if a kernel had written and published them.

@@ -6,6 +6,7 @@
 //! purpose fill it from the other cores.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -14,7 +15,8 @@ use crate::binding::{Binding, Bindings};
 use crate::buffer::{MIN_BYTES, TABLE_WIDTH, table_rows};
 use crate::device::{Compilation, Gpu, lock};
 use crate::error::Result;
-use crate::pipeline::{Entry, Undispatched, Variable};
+use crate::kernel::BoundKernel;
+use crate::pipeline::{Entry, Interface, Undispatched, Variable};
 use crate::uniforms::{First, GROUP, Uniforms};
 
 /// A dispatch over nothing that takes longer had to translate its kernel: from the cache that takes 1 to 4 ms, and else
@@ -27,12 +29,13 @@ const SURE: usize = 2;
 impl Gpu {
     /// Has the driver translate the kernels made since the last call, so that no pass has to. Does nothing but on
     /// software devices: others translate pipelines as they are made. `known` has the sampled textures, for whose
-    /// format and size kernels are translated.
+    /// format and size kernels are translated. Entry points that [`Host::late`](crate::Host::late) names are left to
+    /// the next call that finds other kernels.
     ///
     /// # Errors
     /// As [`Gpu::check`].
     pub fn compile_ahead(&self, known: &(dyn Bindings + Sync)) -> Result<()> {
-        let mut waiting = std::mem::take(&mut *self.undispatched());
+        let mut waiting = self.take_undispatched();
         if waiting.is_empty() {
             return Ok(());
         }
@@ -61,8 +64,39 @@ impl Gpu {
         Ok(())
     }
 
+    /// The kernels to translate now.
+    fn take_undispatched(&self) -> Vec<Undispatched> {
+        let mut waiting = self.undispatched();
+        let is_late = |kernel: &Undispatched| kernel.entry.is_late.load(Relaxed);
+        let (late, mut now): (Vec<_>, Vec<_>) = std::mem::take(&mut waiting.next).into_iter().partition(is_late);
+        if now.is_empty() {
+            waiting.late.extend(late);
+            return now;
+        }
+        let earlier = std::mem::replace(&mut waiting.late, late);
+        // Nobody else has the entry points of a kernel that was dropped.
+        let is_needed = |kernel: &Undispatched| is_late(kernel) && Arc::strong_count(&kernel.entry.is_late) > 1;
+        now.extend(earlier.into_iter().filter(is_needed));
+        now
+    }
+
+    /// Has the driver translate a kernel that was left out, before it is dispatched for the first time: a pass that
+    /// waited for it would seem to take long. An error shows at the next check.
+    pub(crate) fn translate_if_late(&self, kernel: &BoundKernel) {
+        if !kernel.is_late.swap(false, Relaxed) {
+            return;
+        }
+        let mut uniforms = Uniforms::default();
+        let built = (&kernel.interface, &kernel.pipeline, &kernel.groups[..]);
+        let commands = dispatch_nothing(&self.device, built, &mut uniforms);
+        uniforms.write(&self.queue);
+        self.submit([commands]);
+        let _ = self.wait(&kernel.label);
+    }
+
     /// Has this device translate a kernel.
     fn translate(&self, stage: &mut Stage, kernel: &Undispatched) -> Result<()> {
+        kernel.entry.is_late.store(false, Relaxed);
         stage.dispatch(&kernel.entry)?;
         self.wait(&kernel.entry.interface.label())
     }
@@ -94,9 +128,8 @@ impl Gpu {
             let mut stage = Stage { device: &device, queue: &queue, submit: &submit, known, textures: Vec::new() };
             let largest = || lock(&left).next_back();
             while let Some(Undispatched { source, entry }) = largest().map(|index| &kernels[index]) {
-                let interface = entry.interface.clone();
-                let built = interface.build(&device, source, &source.shader(&device));
-                let _ = stage.dispatch(&Entry { interface, built });
+                let built = entry.interface.build(&device, source, &source.shader(&device));
+                let _ = stage.dispatch(&Entry { built, ..entry.clone() });
                 let _ = device.poll(wgpu::PollType::wait_indefinitely());
                 count();
             }
@@ -131,28 +164,15 @@ struct Stage<'a> {
 impl Stage<'_> {
     /// Dispatches an entry point over no workgroups, with something bound to its variables.
     fn dispatch(&mut self, entry: &Entry) -> Result<()> {
-        let Entry { interface, built } = entry;
+        let Entry { interface, built, .. } = entry;
         let variables = interface.groups.iter().flatten();
         let resources: BTreeMap<&str, Resource> =
             variables.map(|variable| (variable.name.as_str(), self.resource(variable))).collect();
         let groups = entry.groups(self.device, |name| resources.get(name).map(Resource::binding))?;
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        let mut pass = encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&built.pipeline);
-        for (index, group) in (0..).zip(&groups) {
-            pass.set_bind_group(index, group, &[]);
-        }
         let mut uniforms = Uniforms::default();
-        if interface.takes_uniforms() {
-            pass.set_bind_group(GROUP, &uniforms.bind(self.device, First::Group(0), &[]), &[]);
-        }
-        if interface.immediate_bytes > 0 && !interface.uniform_parameters {
-            pass.set_immediates(0, &vec![0; interface.immediate_bytes as usize]);
-        }
-        pass.dispatch_workgroups(0, 0, 0);
-        drop(pass);
+        let commands = dispatch_nothing(self.device, (interface, &built.pipeline, &groups), &mut uniforms);
         uniforms.write(self.queue);
-        (self.submit)(encoder.finish());
+        (self.submit)(commands);
         Ok(())
     }
 
@@ -210,6 +230,29 @@ impl Stage<'_> {
         self.textures.push((texture, view.clone()));
         Resource::Texture(view)
     }
+}
+
+/// Commands that dispatch a pipeline of this interface over no workgroups.
+fn dispatch_nothing(
+    device: &wgpu::Device,
+    (interface, pipeline, groups): (&Interface, &wgpu::ComputePipeline, &[wgpu::BindGroup]),
+    uniforms: &mut Uniforms,
+) -> wgpu::CommandBuffer {
+    let mut encoder = device.create_command_encoder(&Default::default());
+    let mut pass = encoder.begin_compute_pass(&Default::default());
+    pass.set_pipeline(pipeline);
+    for (index, group) in (0..).zip(groups) {
+        pass.set_bind_group(index, group, &[]);
+    }
+    if interface.takes_uniforms() {
+        pass.set_bind_group(GROUP, &uniforms.bind(device, First::Group(0), &[]), &[]);
+    }
+    if interface.immediate_bytes > 0 && !interface.uniform_parameters {
+        pass.set_immediates(0, &vec![0; interface.immediate_bytes as usize]);
+    }
+    pass.dispatch_workgroups(0, 0, 0);
+    drop(pass);
+    encoder.finish()
 }
 
 /// Something of the kind that a variable is bound to.

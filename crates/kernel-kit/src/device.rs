@@ -11,7 +11,7 @@ use crate::error::{Error, Result, one_line};
 use crate::feature::{Feature, Features};
 use crate::kernel_folder::KernelFolder;
 use crate::pace::Pace;
-use crate::pipeline::{Kept, Undispatched};
+use crate::pipeline::{Kept, Waiting};
 use crate::slices::Slicer;
 use crate::subgroups::subgroup_size;
 use crate::timer::Timer;
@@ -39,7 +39,7 @@ pub struct Gpu {
     pace: Mutex<Pace>,
     slicer: OnceLock<Slicer>,
     timer: Mutex<Timer>,
-    undispatched: Mutex<Vec<Undispatched>>,
+    undispatched: Mutex<Waiting>,
     kept: Mutex<Option<Kept>>,
     folder: OnceLock<KernelFolder>,
     watch: Mutex<Option<Watch>>,
@@ -267,7 +267,7 @@ impl Gpu {
     }
 
     /// The entry points that have not been dispatched.
-    pub(crate) fn undispatched(&self) -> MutexGuard<'_, Vec<Undispatched>> {
+    pub(crate) fn undispatched(&self) -> MutexGuard<'_, Waiting> {
         lock(&self.undispatched)
     }
 

@@ -147,6 +147,7 @@ impl Frame<'_> {
         first: First<'_>,
         dispatch: impl FnOnce(&mut wgpu::ComputePass<'_>),
     ) {
+        self.gpu.translate_if_late(kernel);
         let interface = &kernel.interface;
         let (given, needed) = (bytemuck::bytes_of(immediates), interface.immediate_bytes as usize);
         let label = &kernel.label;

@@ -1,5 +1,8 @@
 //! Kernels: compiled entry points, ready to bind.
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
 use wgpu::naga;
 
 use crate::binding::{Bindings, Declared};
@@ -27,6 +30,9 @@ pub struct Host<'a> {
     /// Sets of bindings that many kernels use, each what it needs of them. With `Some` a variable that is in none of
     /// `own` and of these is an error; with `None` that is found when the kernel is bound.
     pub common: Option<&'a [Declared]>,
+    /// Entry points that the first frames do not run: [`Gpu::compile_ahead`] leaves them out, until it is called for
+    /// other kernels. If they are dispatched before, they are translated then.
+    pub late: &'a [&'a str],
 }
 
 /// A kernel on a device: its entry points, ready to bind.
@@ -44,6 +50,8 @@ pub struct BoundKernel {
     pub(crate) pipeline: wgpu::ComputePipeline,
     pub(crate) groups: Vec<wgpu::BindGroup>,
     pub(crate) interface: Interface,
+    /// See [`Entry`].
+    pub(crate) is_late: Arc<AtomicBool>,
 }
 
 impl Kernel {
@@ -62,10 +70,11 @@ impl Kernel {
         for (index, entry) in composed.module.entry_points.iter().enumerate() {
             let interface = Interface::new(composed, index)?;
             let built = interface.build(&gpu.device, &source, &shader);
-            let made = Entry { interface, built };
+            let waits = gpu.is_software() && host.late.contains(&entry.name.as_str());
+            let made = Entry { interface, built, is_late: Arc::new(AtomicBool::new(waits)) };
             // Drivers of other devices translate pipelines as they are made.
             if gpu.is_software() {
-                gpu.undispatched().push(Undispatched { source: source.clone(), entry: made.clone() });
+                gpu.undispatched().next.push(Undispatched { source: source.clone(), entry: made.clone() });
             }
             entries.insert(entry.name.clone(), made);
         }
@@ -102,7 +111,7 @@ impl Kernel {
     /// [`Error::Kernel`] naming the entry point that there is not, or the variable that none of `sets` has.
     pub fn bind(&self, gpu: &Gpu, entry: &str, sets: &[&dyn Bindings]) -> Result<BoundKernel> {
         let point = self.entries.get(entry).ok_or_else(|| Error::kernel(&self.name, format!("no entry '{entry}'")))?;
-        let Entry { interface, built } = point;
+        let Entry { interface, built, is_late } = point;
         let groups = point.groups(&gpu.device, |name| sets.iter().find_map(|set| set.get(name)))?;
         gpu.check(&interface.label())?;
         Ok(BoundKernel {
@@ -110,6 +119,7 @@ impl Kernel {
             pipeline: built.pipeline.clone(),
             groups,
             interface: interface.clone(),
+            is_late: is_late.clone(),
         })
     }
 

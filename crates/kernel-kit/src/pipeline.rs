@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::num::NonZeroU64;
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
 use wgpu::naga;
@@ -84,6 +85,8 @@ pub(crate) struct Built {
 pub(crate) struct Entry {
     pub(crate) interface: Interface,
     pub(crate) built: Built,
+    /// It is left to its first dispatch, or to a later call of `compile_ahead`, to have it translated.
+    pub(crate) is_late: Arc<AtomicBool>,
 }
 
 /// The entry points of a kernel by name.
@@ -94,6 +97,15 @@ pub(crate) type Kept = HashMap<String, Arc<Mutex<KeptKernel>>>;
 
 /// Name and entry points of a kernel; `None` while the thread that holds the lock makes it.
 pub(crate) type KeptKernel = Option<(String, Entries)>;
+
+/// Entry points that have not been dispatched.
+#[derive(Default)]
+pub(crate) struct Waiting {
+    /// Those that the next call of `compile_ahead` translates, unless they are late.
+    pub(crate) next: Vec<Undispatched>,
+    /// Those that calls so far have left out.
+    pub(crate) late: Vec<Undispatched>,
+}
 
 /// An entry point that has not been dispatched.
 pub(crate) struct Undispatched {

@@ -61,7 +61,8 @@ fn the_callers_device_is_taken(gpu: &Gpu) {
     }
 }
 
-/// A watcher of compilation is called for all kernels that the driver has never seen.
+/// A watcher of compilation is called for all kernels that the driver has never seen. A late one is left out, and
+/// translated with the next ones.
 #[kernel_test]
 fn compilation_is_watched(gpu: &Gpu) {
     if !gpu.is_software() {
@@ -73,7 +74,7 @@ fn compilation_is_watched(gpu: &Gpu) {
     gpu.watch_compilation(move |compilation| listener.lock().unwrap().push(compilation));
     // No run before had this constant.
     let salt = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().subsec_nanos();
-    for i in 0..6u32 {
+    let make = |i: u32, late: &[&str]| {
         // Large enough to take longer to translate than to find in the cache.
         let steps: String =
             (0..400).map(|step| format!("x = x * {}u + (x >> 7u);", salt ^ (1000 * i + step))).collect();
@@ -83,14 +84,36 @@ fn compilation_is_watched(gpu: &Gpu) {
              var x = values[id.x]; {steps} values[id.x] = x; }}"
         );
         let composed = Composer::new().compose_source("mix", &source, &Features::none()).unwrap();
-        Kernel::new(&gpu, &composed, &Host::default()).unwrap();
-    }
+        Kernel::new(&gpu, &composed, &Host { late, ..Host::default() }).unwrap()
+    };
+    let run = |kernel: &Kernel| {
+        let values = gpu.upload("test/values", &[1u32; 64]).unwrap();
+        let bound = kernel.bind(&gpu, "mix", &[&Resources::new().with("values", &values)]).unwrap();
+        let mut frame = gpu.frame("test");
+        frame.run(&bound, 64, &());
+        frame.submit().unwrap();
+        gpu.read::<u32>(&values, 64).unwrap()
+    };
+    let compile = |expected: usize| {
+        gpu.compile_ahead(&Resources::new()).unwrap();
+        let mut heard = std::mem::take(&mut *heard.lock().unwrap());
+        heard.sort_unstable();
+        assert!(heard.iter().all(|compilation| compilation.all == expected), "{heard:?}");
+        assert_eq!(heard.last().unwrap().to_string(), format!("compiling {expected} of {expected} kernels"));
+        assert!(heard.windows(2).all(|pair| pair[1].done == pair[0].done + 1), "{heard:?}");
+    };
+    let _first: Vec<Kernel> = (0..6).map(|i| make(i, &[])).collect();
+    let (late, dispatched) = (make(6, &["mix"]), make(7, &["mix"]));
+    drop(make(8, &["mix"]));
+    compile(6);
+    // Not before there are other kernels, unless it is dispatched.
     gpu.compile_ahead(&Resources::new()).unwrap();
-    let mut heard = heard.lock().unwrap().clone();
-    heard.sort_unstable();
-    assert!(heard.iter().all(|compilation| compilation.all == 6), "{heard:?}");
-    assert_eq!(heard.last().unwrap().to_string(), "compiling 6 of 6 kernels");
-    assert!(heard.windows(2).all(|pair| pair[1].done == pair[0].done + 1), "{heard:?}");
+    assert!(heard.lock().unwrap().is_empty());
+    let values = run(&dispatched);
+    let _second = [make(9, &[]), make(10, &[])];
+    compile(3);
+    assert_ne!(run(&late), values);
+    assert_eq!(run(&dispatched), values);
 }
 
 /// With the least limits, a device reports no more than these.
