@@ -1,9 +1,14 @@
 //! Direct light: the techniques against each other and against an independent renderer.
 
+use std::f64::consts::TAU;
+
+use glam::{DQuat, DVec3};
 use penumbra::internal::report::metrics;
+use penumbra::internal::scene::Material;
 use penumbra::{Aov, Image, Settings, Statistics, Technique};
 
-use crate::setup::{deviation, mean_and_error, reference_file, render, scene_file};
+use crate::meshes::{Corners, camera, scene, surface};
+use crate::setup::{deviation, mean_and_error, reference_file, render, render_scene, scene_file};
 
 /// Settings of a small render of direct light, with the variance of its pixels.
 fn small(technique: Technique, spp: u32) -> Settings {
@@ -115,4 +120,49 @@ fn the_same_seed_gives_the_same_bits() {
     assert!(first.channels == second.channels, "two runs differ");
     let (other, _) = render(&scene_file("box.glb"), &settings.with(|s| s.image.seed = 1));
     assert!(first.channels != other.channels);
+}
+
+/// A disc of n triangles around `centre` with the axis `rotation * Z`, whose rim is bent forward by `bent`.
+fn disc(centre: DVec3, rotation: DQuat, n: usize, bent: f64) -> Vec<Corners> {
+    let rim = |i: usize| {
+        let (sine, cosine) = (TAU * i as f64 / n as f64).sin_cos();
+        centre + rotation * (0.4 * DVec3::new(cosine, sine, bent))
+    };
+    (0..n).map(|i| [centre, rim(i), rim(i + 1)]).collect()
+}
+
+/// A flat lamp that reflects shows the light that it emits, whatever plane it lies in: its own light does not arrive at
+/// it. Rounding brings the points of a tilted lamp to both sides of its plane; those in front of it were up to 15 %
+/// brighter, by every technique. A lamp bent by eleven degrees does light itself, and that is detected.
+#[test]
+fn flat_lamps_do_not_light_themselves() {
+    let settings = |technique| {
+        small(technique, 4).with(|s| {
+            s.image.width = 16;
+            s.image.height = 16;
+        })
+    };
+    let brightest = |technique, n: usize, double_sided: bool, bent: f64| {
+        let centre = DVec3::new(0.3, -0.45, 0.2);
+        let rotation = DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-0.5);
+        let lamp = disc(centre, rotation, n, bent);
+        let material = Material { double_sided, ..surface(0.5, 1.0) };
+        let wall = disc(centre - rotation * (0.7 * DVec3::Z), rotation, 6, 0.0);
+        let view = camera(centre + rotation * (0.5 * DVec3::Z), rotation * DVec3::NEG_Z, 0.6);
+        let meshes = [(lamp, material), (wall, surface(0.5, 0.0))];
+        let (image, _) = render_scene(scene(&meshes, Vec::new()), &view, &settings(technique));
+        let of = |pick: fn(f32, f32) -> f32| image.channel("G").unwrap().iter().copied().reduce(pick).unwrap();
+        assert!(of(f32::min) >= 1.0, "{technique}, {n} triangles: the lamp does not fill the image");
+        of(f32::max)
+    };
+    // Lamps of few triangles have a closed form, those of many sample one of them.
+    for (n, double_sided) in [(4, false), (4, true), (100, false), (100, true)] {
+        for technique in Technique::all() {
+            let found = brightest(technique, n, double_sided, 0.0);
+            // The sums of four samples are exact.
+            assert!(found == 1.0, "{technique}, {n} triangles, double-sided {double_sided}: {found}");
+        }
+        let bent = brightest(Technique::TWO_PASS, n, double_sided, 0.2);
+        assert!(bent > 1.01, "a lamp bent by eleven degrees has {bent}: the test would not see its light");
+    }
 }

@@ -1,7 +1,7 @@
 // The closed form of mesh lights: Lambert's formula for polygons, over their contours.
 
 import package::lib::constants::{LIGHT_CONTOUR_TEXEL, LIGHT_SPHERE_TEXEL, LIGHT_TWO_SIDED};
-import package::lib::light::emitter::load_light_vertex;
+import package::lib::light::emitter::{IN_PLANE, load_light_vertex};
 import package::lib::light::table::{light_texel, light_texel_f32};
 import package::lib::math::angle_of;
 
@@ -58,6 +58,9 @@ struct Contour {
     first: u32,
     end: u32,
 }
+
+// As IN_PLANE for a contour, from whose plane its corners may lie 2e-6 away (src/gpu_scene/lights/contour.rs).
+const IN_CONTOUR = 3.0 * IN_PLANE;
 
 // The sum of Lambert's terms over a contour's part above the horizon, that is, of positive height along the normal
 // (Sutherland and Hodgman's clipping, by edges). Each turn of the loop adds one side of the part: what is above the
@@ -120,7 +123,7 @@ fn mesh_form_factor(light: u32, header: vec4u, position: vec3f, normal: vec3f) -
         let start = load_light_vertex(at + 1u).xyz;
         let base = start - position;
         let side = dot(plane.xyz, base);
-        if select(side < 0.0, side != 0.0, two_sided) {
+        if select(-side, abs(side), two_sided) > IN_CONTOUR {
             let contour = Contour(small, base, select(position, start, small), at + 1u, contour_end);
             var contour_sum = sum_above_horizon(contour, position, normal);
             contour_sum = select(contour_sum, contour_sum / dot(base, base), small);

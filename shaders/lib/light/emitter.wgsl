@@ -85,6 +85,19 @@ fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
     return dot(triangle.across, position - triangle.a) > 0.0;
 }
 
+// Positions nearer than this to the plane of a light count as in it. Rounding brings the points of a flat light that
+// reflects to either side of its plane, by up to 6e-7, since coordinates are at most 1. The light spans a hemisphere
+// there, and its nearest points lie as near as rounding, in any direction: a tilted lamp would light itself.
+const IN_PLANE = 1e-6;
+
+// Whether light of a triangle arrives at the position: from its front, or from both sides, but not within its plane.
+fn emitter_shines(header: vec4u, triangle: EmitterTriangle, position: vec3f) -> bool {
+    let height = dot(triangle.across, position - triangle.a);
+    // Not the length of `across`, which in narrow triangles is a difference of long products and as uncertain as they.
+    let least = IN_PLANE * sqrt(dot(triangle.e1, triangle.e1) * dot(triangle.e2, triangle.e2));
+    return select(height, abs(height), (header.x & LIGHT_TWO_SIDED) != 0u) > least;
+}
+
 // Whether the position is so near to a light that the projected areas of its triangles depend on the position, not only
 // on the direction.
 @if(many_emitters)
@@ -209,7 +222,7 @@ fn emitter_range(light: u32, header: vec4u, position: vec3f, u: f32) -> EmitterR
 }
 
 // The contribution of an emitter triangle to a position, in the same units for all triangles of the light: its solid
-// angle, times its radiance if all triangles are evaluated; 0 if it faces away.
+// angle, times its radiance if all triangles are evaluated; 0 if none of its light arrives.
 fn emitter_sends(
     header: vec4u,
     triangle: EmitterTriangle,
@@ -217,8 +230,8 @@ fn emitter_sends(
     position: vec3f,
     all: bool,
 ) -> f32 {
-    let shines = (header.x & LIGHT_TWO_SIDED) != 0u || emitter_faces(triangle, position);
-    return select(0.0, 2.0 * spherical.half_angle * select(1.0, triangle.density, all), shines);
+    let sent = 2.0 * spherical.half_angle * select(1.0, triangle.density, all);
+    return select(0.0, sent, emitter_shines(header, triangle, position));
 }
 
 fn spherical_emitter(triangle: EmitterTriangle, position: vec3f) -> SphericalTriangle {
