@@ -202,7 +202,11 @@ fn flux(
             @if(dispersion) { carry(leaving.flux); }
             found = surface_at(hit, here);
             if bounce == 0u { leaving.flux *= flux_window(light, hit.t); }
-            @if(transmission) { leaving.flux *= found.transmittance; }
+            @if(transmission) {
+                // Lamps count as outside of volumes, and light on the straight way from them is not absorbed, except
+                // within a lamp that is a volume itself: both ends of that way emit.
+                if bounce > 0u || any(found.emission > vec3f(0.0)) { leaving.flux *= found.transmittance; }
+            }
         }
         @if(negative_photons) {
             // Direct light counts as unshadowed at the first hit and at all hits behind it; shadow photons subtract the

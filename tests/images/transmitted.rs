@@ -234,6 +234,40 @@ fn volumes_within_volumes() {
     }
 }
 
+/// Lamps count as outside of volumes: the light of a lamp in coloured glass that neither bends nor reflects is that of
+/// the bare lamp, for photons as for paths. The tolerance is 1 %, for the density estimate of the caustic map, plus 3.5
+/// standard errors. With absorption on the way out of the glass the photons brought less than half of the light.
+#[test]
+fn lamps_in_coloured_glass_are_not_absorbed() {
+    let floor = || (square(DVec3::ZERO, DVec3::X, DVec3::NEG_Z), surface(0.5, 0.0));
+    let lamp = || (cube(DVec3::Y * 0.6, 0.15), surface(0.0, 10.0));
+    let volume = |distance: f32| Volume { attenuation_distance: distance, attenuation_colour: Vec3::splat(0.5) };
+    let clear = |distance| Material {
+        ior: 1.0,
+        specular: Specular::with_factor(0.0),
+        volume: Some(volume(distance)),
+        ..glass(1.0, 0.0)
+    };
+    let view = camera(DVec3::new(0.0, 0.3, 0.0), DVec3::NEG_Y, 0.8);
+    let of = |technique, spp, meshes: &[(Vec<Corners>, Material)]| {
+        let settings = settings(technique, spp).with(|s| s.indirect.max_bounces = 4);
+        let (image, statistics) = render_scene(scene(meshes, Vec::new()), &view, &settings);
+        (mean_and_error(&image, "G"), statistics.indirect.caustics)
+    };
+    let (bare, _) = of(Technique::TWO_PASS, 32, &[floor(), lamp()]);
+    let within = |distance| [floor(), lamp(), (cube(DVec3::Y * 0.6, 0.2), clear(distance))];
+    let off = |found: (f64, f64)| (found.0 - bare.0).abs() / (0.01 * bare.0 + 3.5 * found.1.hypot(bare.1));
+    let (paths, _) = of(Technique::PATH, 512, &within(0.05));
+    assert!(off(paths) < 1.0, "{paths:?} by paths, {bare:?} of the bare lamp");
+    for technique in [Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
+        let (photons, caustics) = of(technique, 32, &within(0.05));
+        println!("{photons:?} by {technique}, {paths:?} by paths, {bare:?} of the bare lamp");
+        assert!(caustics > 1000, "{caustics} photons in the caustic map");
+        assert!(off(photons) < 1.0, "{photons:?} by {technique}, {bare:?} of the bare lamp");
+        assert!(off((1.05 * photons.0, photons.1)) > 1.0, "5 % more would pass");
+    }
+}
+
 /// The camera sees unlit surfaces in mirrors, whatever the technique, without any light too. Rough surfaces are not lit
 /// by them.
 #[test]
