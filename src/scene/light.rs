@@ -203,8 +203,10 @@ impl Punctual {
     }
 }
 
-/// Points per axis at which an emissive texture is looked up over a triangle.
-const STRATA: usize = 8;
+/// Minimum and maximum number of points per axis at which an emissive texture is looked up over a triangle: as many as
+/// texels within these bounds. With fewer, the mean of small bright spots is far off, and photons from spots that were
+/// missed carry more flux than can be stored.
+const STRATA: [usize; 2] = [8, 64];
 
 /// The emission of emissive materials, triangle by triangle.
 pub(super) struct Emission<'a> {
@@ -232,10 +234,13 @@ impl<'a> Emission<'a> {
         let image = &self.images[texture.image as usize];
         let uvs = uvs.map(|sets| info.matrix * sets[info.uv_set as usize] + info.offset);
         let mut sum = Vec3::ZERO;
-        for i in 0..STRATA * STRATA {
-            let at = |k: usize| (k as f32 + 0.5) / STRATA as f32;
+        // An area that overflows has the most points, and one that is NaN the fewest.
+        let texels = 0.5 * (uvs[1] - uvs[0]).perp_dot(uvs[2] - uvs[0]).abs() * (image.width * image.height) as f32;
+        let strata = (texels.sqrt().ceil() as usize).clamp(STRATA[0], STRATA[1]);
+        for i in 0..strata * strata {
+            let at = |k: usize| (k as f32 + 0.5) / strata as f32;
             // Maps the unit square to the triangle with constant density.
-            let (root, t) = (at(i / STRATA).sqrt(), at(i % STRATA));
+            let (root, t) = (at(i / strata).sqrt(), at(i % strata));
             let uv = uvs[0] * (1.0 - root) + uvs[1] * (root * (1.0 - t)) + uvs[2] * (root * t);
             sum += image.sample(texture, uv).truncate();
         }
@@ -243,7 +248,7 @@ impl<'a> Emission<'a> {
             // Coordinates of 1e38 texels and more show no texel in particular.
             return Vec3::ZERO;
         }
-        let count = (STRATA * STRATA) as f32;
+        let count = (strata * strata) as f32;
         if sum == Vec3::ZERO {
             // Whatever these points missed fills about one stratum at most.
             sum = Vec3::splat(self.bright_share(texture, image, &uvs));

@@ -155,6 +155,24 @@ fn textured_emitters_emit_their_mean() {
     assert_eq!(scene.triangles[0].light, NO_LIGHT);
 }
 
+/// The mean of small bright spots is that of all texels: one texel in eight by eight is bright. There are about as many
+/// points as texels, so a spot has one on average, up to two where the points are dense, and the mean is within half of
+/// 1/64. Of 64 points, between none and four met a spot.
+#[test]
+fn small_bright_spots_are_counted() {
+    for place in 0..8 {
+        let mut texels = vec![BLACK; 64 * 64];
+        for spot in 0..64 {
+            texels[(spot / 8 * 8 + place) * 64 + spot % 8 * 8 + (5 * place + 3) % 8] = WHITE;
+        }
+        for corners in [[[0., 0.], [1., 0.], [0., 1.]], [[1., 1.], [0., 1.], [1., 0.]]] {
+            let scene = textured(64, 64, &texels, corners);
+            let share = emitters(&scene, 0)[0].radiance.x / 8.0 * 64.0;
+            assert!((share - 1.0).abs() < 0.5, "spots at {place}: {share} of the mean");
+        }
+    }
+}
+
 #[test]
 fn a_single_bright_texel_is_not_lost() {
     for bright in 0..64 {
