@@ -1,8 +1,8 @@
-// flux: traces the photons that carry flux, for the global map and the caustic map (section 2 of the paper; Jensen
-// 1996). Each ray leaves a light with its share of the light's power. The ray stores a photon at every diffuse surface
-// that it hits; then the BSDF scatters it, or Russian roulette ends it. With the feature `negative_photons`, a ray from
-// a light stores no photon at its first hit, but shadow photons at all hits behind it. If `caustics_only` is 1, a ray
-// stores a photon only after one bounce or more, all of them at focusing surfaces.
+// flux: traces the photons that carry flux, for the global map and the caustic map (paper, "Extending the photon map";
+// Jensen 1996). Each ray leaves a light with its share of the light's power. The ray stores a photon at every diffuse
+// surface that it hits; then the BSDF scatters it, or Russian roulette ends it. With the feature `negative_photons`, a
+// ray from a light stores no photon at its first hit, but shadow photons at all hits behind it. If `caustics_only` is
+// 1, a ray stores a photon only after one bounce or more, all of them at focusing surfaces.
 // In: the scene, and in `flux_rays` the rays of each light.
 // Out: `flux_photons`, appended in any order, and `flux_counts`. Positions are in scene units after normalisation, flux
 // in units of 1 / `inverse_unit` (lib/photon has its encoding).
@@ -79,12 +79,12 @@ struct LightHit {
 // Continues a light's ray straight on behind its first hit, if there is one, and stores shadow photons. Returns the
 // number of rays traced.
 @if(negative_photons)
-fn store_shadows(first: LightHit, there: bool, xi: f32, seed: u32, lane: u32) -> u32 {
+fn store_shadows(first: LightHit, is_active: bool, xi: f32, seed: u32, lane: u32) -> u32 {
     var found = first.found;
     var distance = first.hit.t;
     // The range window of a punctual light depends on the distance from the light: replace that of the first hit.
     let emitted = first.flux / max(flux_window(first.light, distance), 1e-20);
-    var goes_on = there;
+    var goes_on = is_active;
     var rays = 0u;
     loop {
         var on = no_ray();
@@ -174,7 +174,7 @@ fn flux(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     // Lanes whose ray has ended trace no ray together with the others.
-    let there = i < flux_pass.ray_count;
+    let is_active = i < flux_pass.ray_count;
     let ray = flux_pass.first_ray + min(i, flux_pass.ray_count - 1u);
     let light = light_of_ray(ray);
     let first = flux_rays[light];
@@ -182,7 +182,7 @@ fn flux(
     let emitted = light_emit(light, sobol4(ray - first, seed));
     let share = emitted.flux * (flux_pass.inverse_unit / f32(flux_rays[light + 1u] - first));
     var leaving = FluxRay(emitted.origin, emitted.normal, emitted.direction, share);
-    var goes_on = there;
+    var goes_on = is_active;
     var rays = 0u;
     // Only focusing surfaces have scattered the ray.
     @if(caustics) var focused = true;
@@ -243,7 +243,7 @@ fn flux(
         }
         if !in_any_lane(goes_on, lane) { break; }
     }
-    if !there { return; }
+    if !is_active { return; }
     atomicAdd(&flux_counts[FLUX_TRACED], rays);
     if traversal_overrun { atomicAdd(&flux_counts[FLUX_OVERRUNS], 1u); }
 }

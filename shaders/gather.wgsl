@@ -150,12 +150,12 @@ fn gather(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let id = group_index(group, groups) * GATHER_GROUP + lane;
-    let there = id < gather_pass.count * gather_pass.rings * gather_pass.sectors;
+    let is_active = id < gather_pass.count * gather_pass.rings * gather_pass.sectors;
     let gathering = gather_ray(id);
     var ray = no_ray();
-    if there && gathering.pdf > 0.0 { ray = gathering.ray; }
+    if is_active && gathering.pdf > 0.0 { ray = gathering.ray; }
     let hit = trace_closest_together(ray, RaySample(~gathering.seed, gathering.number), lane);
-    if !there { return; }
+    if !is_active { return; }
     var radiance = vec4f(0.0, 0.0, 0.0, NO_DISTANCE);
     if hit.triangle != NO_HIT {
         radiance.w = hit.t;

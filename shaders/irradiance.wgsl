@@ -92,10 +92,10 @@ fn irradiance(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     // Lanes without a point trace no rays together with the others.
-    let there = i < irradiance_pass.count;
+    let is_active = i < irradiance_pass.count;
     let photon = irradiance_points[min(i, irradiance_pass.count - 1u)];
-    let found = irradiance_at(photon.position, photon_normal(photon.word), MAX_REACH_WHERE_SPARSE, there, lane);
-    if !there { return; }
+    let found = irradiance_at(photon.position, photon_normal(photon.word), MAX_REACH_WHERE_SPARSE, is_active, lane);
+    if !is_active { return; }
     let finite = is_finite3(found.value);
     if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_IRRADIANCE], 1u); }
     let texels = IRRADIANCE_TEXELS * i;
@@ -113,20 +113,20 @@ fn show(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    var there = i < irradiance_pass.count;
+    var is_active = i < irradiance_pass.count;
     let index = min(i, irradiance_pass.count - 1u);
     var before = vec3f(0.0);
     @if(negative_photons) {
         if irradiance_pass.first_light > 0u { before = radiance_indirect[index].xyz; }
         // An invalid sample stays one, and is counted once.
-        there &= is_finite3(before);
+        is_active &= is_finite3(before);
     }
     let point = load_point(index);
     let surface = load_surface(index);
-    let shown = there && point.normal != INVALID_POINT;
+    let shown = is_active && point.normal != INVALID_POINT;
     let query = photon_query(surface, point);
     let found = irradiance_at(query.position, query.normal, MAX_REACH_OF_POINTS, shown, lane);
-    if !there { return; }
+    if !is_active { return; }
     var radiance = vec3f(0.0);
     if shown {
         radiance = bsdf_diffuse(visible_surface(surface, point)) * found.value;
@@ -204,12 +204,12 @@ struct Estimate {
 // light is added as unshadowed, and shadow photons subtract the excess. Shadow photons also lie on hidden surfaces
 // within the disc: just below the point, or behind a wall. So unshadowed light is added for the hidden surfaces too.
 // The mean then equals that of a map of positive photons alone, which has no photons there. All lanes of a subgroup
-// trace at the same time (lib/packet), those that are not `there` no rays.
-fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32, there: bool, lane: u32) -> Estimate {
+// trace at the same time (lib/packet); those that are not active trace no rays.
+fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32, is_active: bool, lane: u32) -> Estimate {
     let reach = reach_at(position, max_reach);
-    let share = covered(position, normal, select(0.0, reach * irradiance_pass.grid.cell, there), lane);
+    let share = covered(position, normal, select(0.0, reach * irradiance_pass.grid.cell, is_active), lane);
     var disc: Disc;
-    if there { disc = flux_about(position, normal, reach, share.walls); }
+    if is_active { disc = flux_about(position, normal, reach, share.walls); }
     // In a gap too narrow for every probe, the area is unknown.
     var found: Estimate;
     found.disc = NO_ESTIMATE;

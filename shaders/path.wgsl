@@ -79,10 +79,10 @@ fn path(
     var items = parameters.tile.point_count;
     @if(irradiance_cache) { items = path_count[0]; }
     @if(highlights) { items = atomicLoad(&path_count[0]); }
-    let there = i < items;
-    @if(irradiance_cache || highlights) { if there { i = path_points[i]; } }
+    let is_active = i < items;
+    @if(irradiance_cache || highlights) { if is_active { i = path_points[i]; } }
     // Lanes without a point trace no rays together with the others.
-    let begins = there && load_point(i).normal != INVALID_POINT && light_count() > 0u;
+    let begins = is_active && load_point(i).normal != INVALID_POINT && light_count() > 0u;
     var found = radiance_along(i, begins, lane);
     // Behind the path: lavapipe compiles what follows a barrier twice, and keeps its variables in memory.
     if lane == 0u {
@@ -90,7 +90,7 @@ fn path(
         atomicStore(&group_bounce_rays, 0u);
     }
     workgroupBarrier();
-    if there {
+    if is_active {
         var indirect = vec3f(0.0);
         var finite = true;
         if begins {
@@ -186,7 +186,7 @@ fn begin_at_hit(path: ptr<function, Beginning>, i: u32) {
 fn radiance_along(i: u32, begins: bool, lane: u32) -> PathRadiance {
     var path: Beginning;
     path.throughput = vec3f(1.0);
-    path.start.there = begins;
+    path.start.begins = begins;
     let point = load_point(i);
     let surface = load_surface(i);
     if begins {

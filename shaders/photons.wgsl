@@ -205,9 +205,9 @@ fn photons(
     var stored = 0u;
     var rank = 0u;
     // Lanes without a ray trace none together with the others.
-    let there = i < photon_pass.ray_count;
+    let is_active = i < photon_pass.ray_count;
     var ray = no_ray();
-    if there {
+    if is_active {
         let number = photon_pass.first_ray + i;
         light = number % photon_pass.light_count;
         let index = number / photon_pass.light_count;
@@ -225,7 +225,7 @@ fn photons(
     // Behind the ray: lavapipe compiles what follows a barrier twice, and keeps its variables in memory.
     if lane == 0u { atomicStore(&group_length, 0u); }
     workgroupBarrier();
-    if there {
+    if is_active {
         @if(procedurals) { meet_procedurals(&kept, &nearest, ray); }
         stored = kept.count + u32(nearest.arrival.stores);
         // Lavapipe silently ends all loops of an invocation after some 65,000 iterations together. The nearest surface

@@ -90,24 +90,24 @@ fn drop_sample(candidate: u32) {
     radiance_direct[i] = vec4f(invalid_sample(i));
 }
 
-// A candidate of a queue, and whether there is one: lanes beyond the queue's end trace no rays together with the
-// others.
+// A candidate of a queue. Lanes beyond the queue's end have none: they are not active, and trace no rays together with
+// the others.
 struct Queued {
     candidate: u32,
-    there: bool,
+    is_active: bool,
 }
 
 // A ray of a packet, or of a lane alone: its candidate, and its number among the rays of a word of visibilities.
 struct PacketRay {
     candidate: Candidate,
-    there: bool,
+    is_active: bool,
     number: u32,
 }
 
 // The ray that a lane traces at a step. A packet traces the rays of a few candidates at each step, not one of each:
 // rays from one point to one light visit the same nodes. `rays` is the maximum of its candidates' numbers of rays.
-fn packet_ray(c: Candidate, there: bool, step: u32, rays: u32, lane: u32) -> PacketRay {
-    @if(!packets) { return PacketRay(c, there, step); }
+fn packet_ray(c: Candidate, is_active: bool, step: u32, rays: u32, lane: u32) -> PacketRay {
+    @if(!packets) { return PacketRay(c, is_active, step); }
     @if(packets) {
         let ray = PACKET_LANES * step + lane % PACKET_LANES;
         let from_lane = quotient(ray, rays);
@@ -125,7 +125,7 @@ fn packet_ray(c: Candidate, there: bool, step: u32, rays: u32, lane: u32) -> Pac
         let seed = subgroupShuffle(c.seed, from_lane);
         let sample_index = subgroupShuffle(c.sample_index, from_lane);
         let of_lane = Candidate(position, normal, light, seed, sample_index);
-        return PacketRay(of_lane, subgroupShuffle(u32(there), from_lane) != 0u, ray - from_lane * rays);
+        return PacketRay(of_lane, subgroupShuffle(u32(is_active), from_lane) != 0u, ray - from_lane * rays);
     }
 }
 
@@ -150,7 +150,7 @@ fn own_bits(bit: bool, step: u32, rays: u32, lane: u32) -> u32 {
 fn trace_candidate(queued: Queued, lane: u32) -> vec2u {
     let candidate = queued.candidate;
     let own = load_candidate(candidate);
-    let own_rays = select(0u, max_light_points(own.light, parameters.light_samples), queued.there);
+    let own_rays = select(0u, max_light_points(own.light, parameters.light_samples), queued.is_active);
     let max_rays = largest_of_packet(own_rays, lane);
     var traced = 0u;
     var visible = 0u;
@@ -160,13 +160,13 @@ fn trace_candidate(queued: Queued, lane: u32) -> vec2u {
         var facing_bits = 0u;
         var visible_bits = 0u;
         for (var step = 0u; step < rays; step++) {
-            let of_packet = packet_ray(own, queued.there, step, rays, lane);
+            let of_packet = packet_ray(own, queued.is_active, step, rays, lane);
             let c = of_packet.candidate;
             let j = first + of_packet.number;
             let count = max_light_points(c.light, parameters.light_samples);
             let sampled = nth_light_sample(c.light, c.position, c.seed, c.sample_index, j, count);
-            let there = of_packet.there && j < count;
-            let faces = there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
+            let is_active = of_packet.is_active && j < count;
+            let faces = is_active && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
             var ray = no_ray();
             if faces { ray = shadow_ray(c.position, c.normal, sampled); }
             let ray_sample = RaySample(hash2(c.seed, DIMENSION_SHADOW_ALPHA + c.light), c.sample_index * count + j);
@@ -174,7 +174,7 @@ fn trace_candidate(queued: Queued, lane: u32) -> vec2u {
             facing_bits |= own_bits(faces, step, rays, lane);
             visible_bits |= own_bits(faces && !occluded, step, rays, lane);
         }
-        if queued.there { visibility[candidate * parameters.visibility_words + word] = visible_bits; }
+        if queued.is_active { visibility[candidate * parameters.visibility_words + word] = visible_bits; }
         traced += countOneBits(facing_bits);
         visible += countOneBits(visible_bits);
     }
@@ -197,7 +197,7 @@ fn shadow(
 ) {
     let item = group_index(group, groups) * 64u + lane;
     var queued = Queued(0u, item < queue_lengths[QUEUE_BOUNDARY]);
-    if queued.there { queued.candidate = boundary_queue[item]; }
+    if queued.is_active { queued.candidate = boundary_queue[item]; }
     let rays = trace_candidate(queued, lane);
     // Behind the rays: lavapipe compiles what follows a barrier twice, and keeps its variables in memory.
     if lane == 0u {
@@ -206,7 +206,7 @@ fn shadow(
         atomicStore(&penumbra_rays, 0u);
     }
     workgroupBarrier();
-    if queued.there {
+    if queued.is_active {
         atomicAdd(&rays_traced, rays.x);
         if rays.y > 0u && rays.y < rays.x {
             atomicAdd(&penumbra_points, 1u);
@@ -240,7 +240,7 @@ fn audit_candidate(queued: Queued, lane: u32) -> Audited {
     let c = load_candidate(candidate);
     let sampled = audit_light_sample(c.light, c.position, c.seed, c.sample_index);
     let lit = class_of(classes[candidate]) == CLASS_LIT;
-    let faces = queued.there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
+    let faces = queued.is_active && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
     var ray = no_ray();
     if faces { ray = shadow_ray(c.position, c.normal, sampled); }
     let ray_sample = RaySample(~hash2(c.seed, DIMENSION_SHADOW_ALPHA + c.light), c.sample_index);
@@ -271,10 +271,10 @@ fn audit(
 ) {
     let item = group_index(group, groups) * 64u + lane;
     var queued = Queued(0u, item < queue_lengths[QUEUE_AUDIT]);
-    if queued.there {
+    if queued.is_active {
         queued.candidate = audit_queue[item];
         // Dilation has made a boundary of some.
-        queued.there = is_decided(class_of(classes[queued.candidate]));
+        queued.is_active = is_decided(class_of(classes[queued.candidate]));
     }
     let found = audit_candidate(queued, lane);
     // Behind the rays, as in `shadow`.
@@ -289,7 +289,7 @@ fn audit(
         atomicAdd(&wrong_audits, 1u);
         if is_near(classes[queued.candidate]) { atomicAdd(&wrong_near, 1u); }
     }
-    if queued.there {
+    if queued.is_active {
         visibility[queued.candidate * parameters.visibility_words] = u32(found.visible);
         if traversal_overrun { drop_sample(queued.candidate); }
     }

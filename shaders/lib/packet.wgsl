@@ -197,7 +197,7 @@ struct Tested {
     corners: array<vec3f, 3>,
     primitive: u32,
     // Whether there is one.
-    there: bool,
+    is_triangle: bool,
 }
 
 // The hits of a lane's ray.
@@ -214,7 +214,7 @@ fn test_triangle(found: ptr<function, Found>, ray: Ray, sheared: ShearedRay, tes
     let closest = (*found).closest;
     let met = intersect_triangle(sheared, tested.corners[0], tested.corners[1], tested.corners[2]);
     let hit = Hit(met.x, met.y, met.z, tested.primitive);
-    let stopped = tested.there && before(hit, closest) && within(hit, ray.t_min, closest.t);
+    let stopped = tested.is_triangle && before(hit, closest) && within(hit, ray.t_min, closest.t);
     @if(!alpha_test) { if stopped { keep_hit(found, hit, any_hit); } }
     @if(alpha_test) {
         if stopped {
@@ -463,15 +463,15 @@ fn visit_leaves_on_line(
     loop {
         *iterations += 1u;
         let primitive = entry & (ONE_TRIANGLE - 1u);
-        let there = entry != NO_ENTRY;
+        let is_entry = entry != NO_ENTRY;
         let texel = triangle_texel(BVH_TRIANGLE_TEXELS * primitive + lane).xyz;
         let corners = array(subgroupBroadcast(texel, 0u), subgroupBroadcast(texel, 1u), subgroupBroadcast(texel, 2u));
         let met = intersect_triangle(line.sheared, corners[0], corners[1], corners[2]);
         let hit = Hit(met.x, met.y, met.z, primitive);
-        if there && within(hit, line.ray.t_min, line.ray.t_max) {
+        if is_entry && within(hit, line.ray.t_min, line.ray.t_max) {
             if (*hits).first.triangle == NO_HIT { (*hits).first = hit; } else { (*hits).second = hit; }
         }
-        let more = there && entry >= 2u * ONE_TRIANGLE;
+        let more = is_entry && entry >= 2u * ONE_TRIANGLE;
         let next = select(top_entry(*stack), entry + 1u - ONE_TRIANGLE, more);
         let height = select(lower_height(*stack), (*stack).height, more);
         entry = subgroupBroadcast(next, 0u);

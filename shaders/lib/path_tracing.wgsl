@@ -91,8 +91,8 @@ struct PathRadiance {
 
 // How a path reaches its first vertex.
 struct PathStart {
-    // Whether there is a path.
-    there: bool,
+    // Whether there is a path. Lanes without one trace no rays together with the others.
+    begins: bool,
     // Bounces before the first vertex.
     bounce: u32,
     // Radius of the path's footprint there: that of the cone of directions that it samples.
@@ -133,7 +133,7 @@ struct Path {
 fn begin_path(first: PathVertex, start: PathStart, light_samples: u32) -> Path {
     var path: Path;
     path.vertex = first;
-    path.goes_on = start.there;
+    path.goes_on = start.begins;
     path.bounce = start.bounce;
     path.throughput = vec3f(1.0);
     path.light_samples = light_samples;

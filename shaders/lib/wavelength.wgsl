@@ -36,10 +36,10 @@ struct Refracted {
 // The wavelength that a surface refracts. If the ray carries no light, surfaces refract green.
 @if(dispersion)
 fn refracted_wavelength() -> Refracted {
-    let there = vec3u(carried != vec3f(0.0));
-    let count = there.x + there.y + there.z;
+    let present = vec3u(carried != vec3f(0.0));
+    let count = present.x + present.y + present.z;
     if count == 0u { return Refracted(1u, vec3f(1.0)); }
-    if count == 1u { return Refracted(there.y + 2u * there.z, vec3f(1.0)); }
+    if count == 1u { return Refracted(present.y + 2u * present.z, vec3f(1.0)); }
     let own = vec3u(own_wavelength) == vec3u(0u, 1u, 2u);
     return Refracted(own_wavelength, select(vec3f(0.0), vec3f(3.0), own));
 }
