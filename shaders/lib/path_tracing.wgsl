@@ -347,7 +347,8 @@ struct KnownLight {
 
 // Radius of a footprint for which a look-up is accurate enough, over that of the irradiance point's disc. Where
 // surfaces meet, a disc's blur shows: with 1 the lower side of a ball on a floor was 4.5 % too bright, with 2 it is
-// 2.8 %, with 4 less than 1 %. But elsewhere, paths instead of look-ups add noise (docs/decisions.md).
+// 2.8 %, with 4 less than 1 %. But elsewhere, paths instead of look-ups add noise
+// (docs/decisions.md, "Look-ups of wider footprints alone").
 @if(global_map) const FOOTPRINT_RADII = 2.0;
 
 // Photons of the surface are stored at the position and normal; `spread` is the radius of the path's footprint there.

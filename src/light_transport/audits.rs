@@ -10,7 +10,7 @@ use crate::statistics::totals::Totals;
 /// the error for a given time is smallest at q = sqrt(m R / V), where m is the share of wrong classes. sqrt(R / V) was
 /// 16, 27 and 74 in the direct light of `scenes/crowd.glb`, `procedural.glb` and `door.glb`. This value is nearer to
 /// the largest, because too many audits cost a few percent of the time, and too few may cost a multiple of it
-/// (docs/decisions.md).
+/// (docs/decisions.md, "Audits follow mistakes").
 const AUDIT_SCALE: f64 = 50.0;
 
 /// Audits without a mistake that are assumed before the first one. The probability at the start is then 1 =

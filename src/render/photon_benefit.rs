@@ -12,7 +12,7 @@ use crate::statistics::{Counter, Points};
 /// Maximum share of shadow rays that start at penumbra points: above it, no photons are emitted. Such points, and the
 /// points around them, trace shadow rays in any case. The share was 0.13 to 0.39 in one scene and five models where 64
 /// samples with photons took 0.97 to 1.4 times as long as with `two-pass`, and 0 to 0.09 in all others that were
-/// measured (docs/decisions.md).
+/// measured (docs/decisions.md, "The first sample shows whether photons pay off").
 const MAX_PENUMBRAE: f64 = 0.11;
 
 /// Samples per pixel after which photons must be expected to decide [`MIN_DECIDED`] of the points. The shadow rays of
@@ -21,7 +21,8 @@ pub(super) const TRIAL_SAMPLES: u32 = 8;
 
 /// Share of points that photons must be expected to decide; below it, all shadow rays are traced from then on. Scenes
 /// with few penumbrae may still have boundaries everywhere. 64 samples took 0.4 to 1.1 times as long as with `two-pass`
-/// if the share was larger, and 0.97 to 1.4 times if it was smaller (docs/decisions.md).
+/// if the share was larger, and 0.97 to 1.4 times if it was smaller (docs/decisions.md, "The first sample shows whether
+/// photons pay off").
 const MIN_DECIDED: f64 = 0.6;
 
 /// Like [`MIN_DECIDED`], for adaptive sampling with a fixed budget: pixels in penumbrae get most of the samples,
@@ -31,7 +32,7 @@ const MIN_DECIDED_OF_ALLOCATED: f64 = 0.4;
 
 /// Part of the latest growth of the share by which it will grow further, as fine cells are divided. In 16 scenes and
 /// models, the share of the last samples of the trial plus this part of its growth since the samples before was close
-/// to the share of 64 samples (docs/decisions.md).
+/// to the share of 64 samples (docs/decisions.md, "The first sample shows whether photons pay off").
 const FURTHER_GROWTH: f64 = 0.5;
 
 /// Why photons would cost more than the shadow rays that they save; `None` if they are worth a trial. `totals` are the

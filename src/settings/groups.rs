@@ -366,7 +366,7 @@ impl Settings {
     /// Maximum number of shadow photons stored along one ray: an invocation has registers for no more.
     pub const MAX_SHADOW_PHOTONS: u32 = 64;
     /// Maximum number of lights that all points use by default. With 16 small lamps, sampling eight takes half to a
-    /// sixth of the time at the same error (docs/decisions.md, many lights).
+    /// sixth of the time at the same error (docs/decisions.md, "The threshold of 16 lights").
     pub const MANY_LIGHTS: u32 = 16;
     /// Maximum number of lights sampled at a point: as many as a zone lists.
     pub const MAX_SAMPLED_LIGHTS: u32 = 64;

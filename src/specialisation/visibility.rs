@@ -14,7 +14,7 @@ const NO_PHOTONS: &str = "nearly every point sees a part of it, so photons would
 /// Number of shadow rays, over all points that face a light, above which photons and cells save time. Render time over
 /// that of `two-pass` in `scenes/{box,sphere,crowd,procedural,materials}.glb`: 0.53 to 1.01 with 2 to 4 million shadow
 /// rays (256 x 256 pixels, 16 samples), 0.6 to 0.91 with 5 to 8 million, 0.5 to 0.72 with 9 to 16 million
-/// (docs/decisions.md).
+/// (docs/decisions.md, "The first sample shows whether photons pay off").
 pub(crate) const SHADOW_RAYS_OF_MAP: f64 = 2_097_152.0;
 
 /// Minimum samples per pixel for photons and cells to save time: with fewer, fine cells learn too little. With 4

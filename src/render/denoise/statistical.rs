@@ -15,7 +15,7 @@ use crate::{Error, Result};
 const BAND_PIXELS: u32 = 1 << 20;
 
 /// Seconds of a processor core for a pixel and run: 2.8 s for the three runs of 512 x 512 pixels, the host's part
-/// included (docs/decisions.md).
+/// included; docs/experiments.md, "What the filter does", has the device's part.
 const SECONDS_PER_PIXEL: f64 = 3.6e-6;
 
 /// Pixels whose logarithms a thread adds: enough to be worth handing out.
