@@ -3,11 +3,13 @@
 use std::fmt::Write;
 
 use kernel_kit::Feature as _;
+use penumbra::internal::report::prediction::{self, Prediction};
+use penumbra::internal::report::run::Subject;
 use penumbra::internal::specialisation::{Deferred, Item, Specialisation};
 use penumbra::{Result, Scene, Settings};
 use serde::Serialize;
 
-use super::options::{PartOptions, RenderOptions, SceneOptions};
+use super::options::{DeviceOptions, PartOptions, RenderOptions, SceneOptions};
 use super::{Ending, print, print_json};
 
 #[derive(clap::Args)]
@@ -21,6 +23,14 @@ pub struct Arguments {
 
     #[command(flatten)]
     part: PartOptions,
+
+    /// Predict the time and the noise of the image by `path`, `two-pass` and `shadow-photons`, from renders of small
+    /// images, which take some seconds
+    #[arg(long, help_heading = "Output")]
+    predict: bool,
+
+    #[command(flatten)]
+    device: DeviceOptions,
 
     /// Print JSON, with the lists kept and left_out, whose items have a name, a reason and a cost
     #[arg(long, help_heading = "Output")]
@@ -36,6 +46,8 @@ struct Plan {
     left_out: Vec<Item>,
     deferred: &'static [Deferred],
     notes: Vec<String>,
+    /// Empty without --predict.
+    predictions: Vec<Prediction>,
 }
 
 #[derive(Serialize)]
@@ -68,8 +80,25 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
     let settings = arguments.settings.settings(&camera, &arguments.part)?;
     let Specialisation { kept, left_out, .. } = Specialisation::new(&scene, Some(&camera), &settings);
-    let plan =
-        Plan { scene: Counts::new(&scene), settings, kept, left_out, deferred: Deferred::ALL, notes: scene.notes };
+    let mut predictions = Vec::new();
+    if arguments.predict {
+        let gpu = arguments.device.open()?;
+        // Both sizes of a technique's small images have the same kernels.
+        gpu.keep_kernels();
+        let subject = Subject { gpu: &gpu, scene: &scene, camera: &camera, settings: &settings, slowness: 1.0 };
+        for technique in prediction::TECHNIQUES {
+            predictions.extend(prediction::predict(&subject, technique)?);
+        }
+    }
+    let plan = Plan {
+        scene: Counts::new(&scene),
+        settings,
+        kept,
+        left_out,
+        deferred: Deferred::ALL,
+        notes: scene.notes,
+        predictions,
+    };
     if arguments.json {
         print_json(&plan)?
     } else {
@@ -106,6 +135,26 @@ impl Plan {
         for Deferred { feature, reason } in self.deferred {
             let _ = writeln!(text, "  {:name_width$}  {reason}", feature.name());
         }
+        self.add_predictions(&mut text);
         text
+    }
+
+    fn add_predictions(&self, text: &mut String) {
+        if self.predictions.is_empty() {
+            return;
+        }
+        let width = self.predictions.iter().map(|p| p.technique.name().len()).max().unwrap_or(0);
+        let spp = self.settings.image.spp;
+        let all = format!("{spp} samples");
+        let _ = writeln!(
+            text,
+            "\npredicted\n  {:width$}  first sample  each after 8  {all:>12}  relMSE of their noise",
+            "technique"
+        );
+        for Prediction { technique, first_sample, sample, all, noise } in &self.predictions {
+            let name = technique.name();
+            let _ =
+                writeln!(text, "  {name:width$}  {first_sample:>10.2} s  {sample:>10.3} s  {all:>10.1} s  {noise:.1e}");
+        }
     }
 }

@@ -108,6 +108,9 @@ impl Renderer<'_> {
         self.count_procedural_misses()?;
         self.totals.check()?;
         self.totals.time_render += begun.elapsed().as_secs_f64();
+        if samples == 0 {
+            self.totals.time_first_sample = self.totals.time_render;
+        }
         self.end_trial(samples, &counted)?;
         let start = Instant::now();
         self.back_up_if_due()?;

@@ -300,6 +300,7 @@ pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>)
             bvh: totals.time_bvh,
             compile: totals.time_compile,
             render: totals.time_render,
+            first_sample: totals.time_first_sample,
             passes,
             ..Times::default()
         },

@@ -19,6 +19,7 @@ mod measure;
 pub mod metrics;
 pub mod page;
 pub mod plot;
+pub mod prediction;
 pub mod reference;
 pub mod run;
 pub mod sweep;

@@ -235,6 +235,8 @@ pub struct Times {
     pub compile: f64,
     /// Photons, grid and all samples.
     pub render: f64,
+    /// The part of `render` up to the end of the first batch of samples.
+    pub first_sample: f64,
     /// Denoising the image; 0 until the caller of [`crate::Renderer::add_denoised`] sets it.
     pub denoise: f64,
     /// On the device, by kernel and entry point; empty where the device has no timestamps.

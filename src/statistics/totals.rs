@@ -56,6 +56,8 @@ pub(crate) struct Totals {
     pub time_bvh: f64,
     pub time_compile: f64,
     pub time_render: f64,
+    /// Of these, up to the end of the first batch of samples; 0 before.
+    pub time_first_sample: f64,
     pub scene_bytes: u64,
     pub photon_bytes: u64,
     pub indirect_bytes: u64,

@@ -118,6 +118,40 @@ fn the_text_says_what_the_json_says() {
     }
 }
 
+/// Predictions are of an image of the requested samples, each by a technique that the settings allow. The noise of
+/// `path`, whose samples share nothing, falls with their number. Without `--predict` no device is opened.
+#[test]
+fn the_plan_predicts_what_techniques_cost() {
+    let plan = |arguments: &str| {
+        run(&format!("plan --json --width 40 --height 30 --device software {arguments}"), &[&BOX]).json()
+    };
+    let of = |plan: &Value, key: &str| -> Vec<f64> {
+        plan["predictions"].as_array().unwrap().iter().map(|item| item[key].as_f64().unwrap()).collect()
+    };
+    let (few, many) = (plan("--predict --spp 24"), plan("--predict --spp 96"));
+    for (plan, spp) in [(&few, 24.0), (&many, 96.0)] {
+        schema::assert_documented("Plan", plan);
+        let names = plan["predictions"].as_array().unwrap().iter().map(|item| item["technique"].as_str().unwrap());
+        assert_eq!(names.collect::<Vec<_>>(), ["path", "two-pass", "shadow-photons"]);
+        let [first, sample, all] = ["first_sample", "sample", "all"].map(|key| of(plan, key));
+        for (i, all) in all.iter().enumerate() {
+            assert!(first[i] > 0.0 && sample[i] > 0.0, "{plan}");
+            // What comes before sample 8 is at least as long as the first one.
+            assert!(*all >= first[i] + (spp - 8.0) * sample[i], "{plan}");
+        }
+    }
+    let (few_noise, noise) = (of(&few, "noise"), of(&many, "noise"));
+    assert!((few_noise[0] / noise[0] - 4.0).abs() < 1e-6, "{} and {}", few_noise[0], noise[0]);
+    // Paths find the light of the walls one by one.
+    assert!(noise[0] > 2.0 * noise[1] && noise[1] > 0.0, "{noise:?}");
+    let every_light = plan("--predict --spp 4 --light-sampling all");
+    assert_eq!(of(&every_light, "all").len(), 2, "a path samples one light at a vertex: {every_light}");
+    run("plan --predict --device none-such", &[&BOX]).assert_refused(4, &["none-such"]);
+    assert_eq!(run("plan --json --device none-such", &[&BOX]).json()["predictions"], Value::Array(Vec::new()));
+    let text = run("plan --predict --width 8 --height 8 --spp 2 --device software", &[&BOX]);
+    assert!(text.assert_done().stdout.contains("\npredicted\n"), "{}", text.stdout);
+}
+
 /// The aspect ratio of the image is that of the camera: the first of the file, or the one selected by name or index.
 #[test]
 fn the_camera_gives_the_shape_of_the_image() {
