@@ -129,22 +129,20 @@ struct FluxRay {
 // Photons lie on triangles, but surfaces reflect by their shading normals. Two ratios of cosines correct the flux, so
 // that photons carry the same light as paths do (Veach 1997, section 5.3).
 
-// Minimum cosine that divides a flux: no ratio exceeds 100. A surface bent by 20 degrees loses less than 0.2 % of a
-// diffuse light by it.
-@if(smooth_normals || normal_maps) const MIN_COSINE = 0.01;
+// Maximum of each ratio. A surface bent by 20 degrees loses less than 0.2 % of a diffuse light by it.
+@if(smooth_normals || normal_maps) const MAX_RATIO = 100.0;
 
 // Irradiance of the surface with its shading normal over that of the triangle, for light along the ray that found it.
 @if(smooth_normals || normal_maps)
 fn arriving_ratio(found: SurfaceHit) -> f32 {
     let view = found.surface.view;
-    return dot(view, found.surface.shading_normal) / max(dot(view, found.triangle_normal), MIN_COSINE);
+    return min(dot(view, found.surface.shading_normal) / dot(view, found.triangle_normal), MAX_RATIO);
 }
 
 // Flux that leaves the triangle in a direction, over that which leaves the surface with its shading normal.
 @if(smooth_normals || normal_maps)
 fn leaving_ratio(found: SurfaceHit, direction: vec3f) -> f32 {
-    let shading_cosine = abs(dot(direction, found.surface.shading_normal));
-    return abs(dot(direction, found.triangle_normal)) / max(shading_cosine, MIN_COSINE);
+    return min(abs(dot(direction, found.triangle_normal) / dot(direction, found.surface.shading_normal)), MAX_RATIO);
 }
 
 // Scatters the ray by the BSDF; false where the BSDF or Russian roulette ends it. `u` samples the direction, `xi`

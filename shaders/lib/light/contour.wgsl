@@ -62,6 +62,14 @@ struct Contour {
 // As IN_PLANE for a contour, from whose plane its corners may lie 2e-6 away (src/gpu_scene/lights/contour.rs).
 const IN_CONTOUR = 3.0 * IN_PLANE;
 
+// Whether a position is beyond the rounding of a contour's plane on the side that shines. `side` is the height of the
+// plane over it.
+fn contour_shines(normal: vec3f, side: f32, two_sided: bool) -> bool {
+    let sizes = abs(normal);
+    let is_across_axis = max(sizes.x, max(sizes.y, sizes.z)) == sizes.x + sizes.y + sizes.z;
+    return select(-side, abs(side), two_sided) > select(IN_CONTOUR, 0.0, is_across_axis);
+}
+
 // The sum of Lambert's terms over a contour's part above the horizon, that is, of positive height along the normal
 // (Sutherland and Hodgman's clipping, by edges). Each turn of the loop adds one side of the part: what is above the
 // horizon of an edge, or the side along the horizon from where the contour sets to where it rises again.
@@ -123,7 +131,7 @@ fn mesh_form_factor(light: u32, header: vec4u, position: vec3f, normal: vec3f) -
         let start = load_light_vertex(at + 1u).xyz;
         let base = start - position;
         let side = dot(plane.xyz, base);
-        if select(-side, abs(side), two_sided) > IN_CONTOUR {
+        if contour_shines(plane.xyz, side, two_sided) {
             let contour = Contour(small, base, select(position, start, small), at + 1u, contour_end);
             var contour_sum = sum_above_horizon(contour, position, normal);
             contour_sum = select(contour_sum, contour_sum / dot(base, base), small);

@@ -85,17 +85,20 @@ fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
     return dot(triangle.across, position - triangle.a) > 0.0;
 }
 
-// Positions nearer than this to the plane of a light count as in it. Rounding brings the points of a flat light that
-// reflects to either side of its plane, by up to 6e-7, since coordinates are at most 1. The light spans a hemisphere
-// there, and its nearest points lie as near as rounding, in any direction: a tilted lamp would light itself.
+// Positions nearer than this to the plane of a light that lies along no axis count as in it. Rounding brings the points
+// of a flat light that reflects to either side of its plane, by up to 6e-7, since coordinates are at most 1. The light
+// spans a hemisphere there, and its nearest points lie as near as rounding, in any direction: a tilted lamp would light
+// itself. In a plane across an axis all points have one coordinate, exactly.
 const IN_PLANE = 1e-6;
 
 // Whether light of a triangle arrives at the position: from its front, or from both sides, but not within its plane.
 fn emitter_shines(header: vec4u, triangle: EmitterTriangle, position: vec3f) -> bool {
     let height = dot(triangle.across, position - triangle.a);
-    // Not the length of `across`, which in narrow triangles is a difference of long products and as uncertain as they.
-    let least = IN_PLANE * sqrt(dot(triangle.e1, triangle.e1) * dot(triangle.e2, triangle.e2));
-    return select(height, abs(height), (header.x & LIGHT_TWO_SIDED) != 0u) > least;
+    // The products that `across` is made of: in narrow triangles it is their difference, and as uncertain as they.
+    let products = abs(triangle.e1.yzx * triangle.e2.zxy) + abs(triangle.e1.zxy * triangle.e2.yzx);
+    let rounded = (triangle.e1 != vec3f(0.0)) | (triangle.e2 != vec3f(0.0));
+    let lowest = IN_PLANE * dot(select(vec3f(0.0), products, rounded), vec3f(1.0));
+    return select(height, abs(height), (header.x & LIGHT_TWO_SIDED) != 0u) > lowest;
 }
 
 // Whether the position is so near to a light that the projected areas of its triangles depend on the position, not only

@@ -5,7 +5,7 @@ import package::lib::constants::{
     EMITTER_TEXELS, LIGHT_CONTOUR_TEXEL, LIGHT_CLOSED_FORM, LIGHT_COVERAGE, LIGHT_EMISSION_TEXEL, LIGHT_KIND_TEXEL,
     LIGHT_NO_AXIS, LIGHT_SPHERE_TEXEL, LIGHT_SAMPLING_TEXEL, LIGHT_TWO_SIDED,
 };
-import package::lib::light::contour::IN_CONTOUR;
+import package::lib::light::contour::contour_shines;
 import package::lib::light::emitter::{
     EmitterRange, EmitterTriangle, all_emitters, emitter_faces, emitter_sends, load_emitter, load_emitter_texel,
     load_light_vertex, sample_emitter, spherical_emitter, uses_all_emitters,
@@ -54,7 +54,7 @@ fn mesh_dark(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> bool 
         at += 1u;
         let first = load_light_vertex(at).xyz - position;
         let side = dot(plane.xyz, first);
-        if select(-side, abs(side), two_sided) > IN_CONTOUR {
+        if contour_shines(plane.xyz, side, two_sided) {
             if height > sphere.w { return false; }
             while at < loop_end {
                 if dot(normal, load_light_vertex(at).xyz - position) > 0.0 { return false; }
