@@ -145,7 +145,7 @@ impl Plan {
         }
         let width = self.predictions.iter().map(|p| p.technique.name().len()).max().unwrap_or(0);
         let spp = self.settings.image.spp;
-        let all = format!("{spp} samples");
+        let all = format!("{spp} spp");
         let _ = writeln!(
             text,
             "\npredicted\n  {:width$}  first sample  each after 8  {all:>12}  relMSE of their noise",
@@ -153,8 +153,8 @@ impl Plan {
         );
         for Prediction { technique, first_sample, sample, all, noise } in &self.predictions {
             let name = technique.name();
-            let _ =
-                writeln!(text, "  {name:width$}  {first_sample:>10.2} s  {sample:>10.3} s  {all:>10.1} s  {noise:.1e}");
+            let noise = noise.map_or("unknown".to_owned(), |noise| format!("{noise:.1e}"));
+            let _ = writeln!(text, "  {name:width$}  {first_sample:>10.2} s  {sample:>10.3} s  {all:>10.1} s  {noise}");
         }
     }
 }

@@ -33,8 +33,8 @@ pub struct Prediction {
     /// Seconds of all samples that the settings request.
     pub all: f64,
     /// relMSE that the noise of the samples leaves in the raw image then. What samples share, such as the noise of
-    /// irradiance records, is not in it.
-    pub noise: f64,
+    /// irradiance records, is not in it. `None` for a single sample, whose variance is unknown.
+    pub noise: Option<f64>,
 }
 
 /// Times of a small image, and its noise.
@@ -46,7 +46,7 @@ struct Measured {
     /// Of each further sample.
     sample: f64,
     /// relMSE of a single sample.
-    noise: f64,
+    noise: Option<f64>,
 }
 
 /// Predicts the cost of the image that the settings request by a technique. `None` if these settings do not fit it.
@@ -74,7 +74,7 @@ pub fn predict(subject: &Subject<'_>, technique: Technique) -> Result<Option<Pre
     let (first_sample, sample) = (of(|m| m.first_sample), of(|m| m.sample));
     let further = settings.image.spp.saturating_sub(SET_UP);
     let all = of(|m| m.set_up) + f64::from(further) * sample;
-    let noise = measured[1].noise / f64::from(settings.image.spp);
+    let noise = measured[1].noise.map(|noise| noise / f64::from(settings.image.spp));
     Ok(Some(Prediction { technique, first_sample, sample, all, noise }))
 }
 
@@ -110,11 +110,11 @@ fn measure(subject: &Subject<'_>, settings: &Settings) -> Result<Measured> {
         first_sample,
         set_up,
         sample,
-        noise: noise(&renderer.image()?) * f64::from(samples),
+        noise: if samples > 1 { Some(noise(&renderer.image()?) * f64::from(samples)) } else { None },
     })
 }
 
-/// relMSE by the image's own channel `variance`; 0 with fewer than two samples, whose variance is unknown.
+/// relMSE by the image's own channel `variance`.
 fn noise(image: &Image) -> f64 {
     let squares = ["R", "G", "B"].map(|channel| {
         let pair = [image.channel(channel), image.channel(&format!("variance.{channel}"))];
