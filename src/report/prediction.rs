@@ -114,7 +114,8 @@ fn measure(subject: &Subject<'_>, settings: &Settings) -> Result<Measured> {
     })
 }
 
-/// relMSE by the image's own channel `variance`.
+/// relMSE by the image's own channel `variance`. [`Renderer::estimated_relmse`] compares halves of the samples, which
+/// only renders with a denoiser or a limit of noise keep.
 fn noise(image: &Image) -> f64 {
     let squares = ["R", "G", "B"].map(|channel| {
         let pair = [image.channel(channel), image.channel(&format!("variance.{channel}"))];

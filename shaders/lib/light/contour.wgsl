@@ -66,8 +66,8 @@ const IN_CONTOUR = 3.0 * IN_PLANE;
 // plane over it.
 fn contour_shines(normal: vec3f, side: f32, two_sided: bool) -> bool {
     let sizes = abs(normal);
-    let is_across_axis = max(sizes.x, max(sizes.y, sizes.z)) == sizes.x + sizes.y + sizes.z;
-    return select(-side, abs(side), two_sided) > select(IN_CONTOUR, 0.0, is_across_axis);
+    let is_perpendicular = max(sizes.x, max(sizes.y, sizes.z)) == sizes.x + sizes.y + sizes.z;
+    return select(-side, abs(side), two_sided) > select(IN_CONTOUR, 0.0, is_perpendicular);
 }
 
 // The sum of Lambert's terms over a contour's part above the horizon, that is, of positive height along the normal

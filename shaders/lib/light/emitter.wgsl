@@ -85,10 +85,11 @@ fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
     return dot(triangle.across, position - triangle.a) > 0.0;
 }
 
-// Positions nearer than this to the plane of a light that lies along no axis count as in it. Rounding brings the points
-// of a flat light that reflects to either side of its plane, by up to 6e-7, since coordinates are at most 1. The light
-// spans a hemisphere there, and its nearest points lie as near as rounding, in any direction: a tilted lamp would light
-// itself. In a plane across an axis all points have one coordinate, exactly.
+// Positions nearer than this to the plane of a light count as in it, unless the plane is perpendicular to an axis.
+// Rounding brings the points of a flat light that reflects to either side of its plane, by up to 6e-7, since
+// coordinates are at most 1. The light spans a hemisphere there, and its nearest points lie as near as rounding, in any
+// direction: a tilted lamp would light itself. In a plane perpendicular to an axis, all points share one coordinate
+// exactly.
 const IN_PLANE = 1e-6;
 
 // Whether light of a triangle arrives at the position: from its front, or from both sides, but not within its plane.
