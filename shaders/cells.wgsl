@@ -3,7 +3,7 @@
 // points; see src/light_transport/cell_visibility.rs. In: surface points by cell (normalised space), the BVH, points of
 // a tile. Out: counts of rays and a class word for each light and cell; class words of the candidates.
 
-import package::lib::bvh::{traversal_overrun, triangle_corners};
+import package::lib::bvh::{traversal_overrun, triangle_normal};
 import package::lib::packet::{no_ray, trace_occluded_together};
 import package::lib::visible_point::load_point;
 import package::lib::constants::{
@@ -72,8 +72,7 @@ fn trace(
     let index = index_of(light, cell_of(cells_pass.grid, point.position));
     let seed = hash3(cells_pass.seed, DIMENSION_CELL, index);
     let sampled = light_sample(light, point.position, sobol2(i % cells_pass.rays, seed));
-    let corners = triangle_corners(point.triangle);
-    let normal = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]));
+    let normal = normalize(triangle_normal(point.triangle));
     let cosine = dot(normal, sampled.direction);
     let faces = i < cells_pass.point_count && sampled.pdf > 0.0 && cosine != 0.0;
     var ray = no_ray();

@@ -239,7 +239,8 @@ fn from_centre_of(cell: vec3u, position: vec3f) -> vec3f {
     return position - cell_centre(classify_pass.grid, cell);
 }
 
-// A point outside of the grid is in no cell.
+// A point outside of the grid is in no cell. Rounding may put a point on a cell's face this far outside: less than the
+// class of a cell is for (`extent_of` of lib/cell_classification).
 fn in_cell(from_centre: vec3f) -> bool {
     return all(abs(from_centre) <= vec3f(0.5004 * classify_pass.grid.cell));
 }

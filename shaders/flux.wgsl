@@ -15,7 +15,7 @@ import package::kit::group_index;
 import package::lib::light::{flux_window, light_emit};
 import package::lib::math::{is_finite3, oct_encode7};
 import package::lib::photon::{Photon, flux_word};
-import package::lib::ray::{NO_HIT, Ray, RaySample, offset_origin};
+import package::lib::ray::{NO_HIT, Ray, RaySample, UNBOUNDED, offset_origin};
 @if(negative_photons) import package::lib::ray::Hit;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::{sobol2, sobol4};
@@ -34,7 +34,7 @@ struct FluxParameters {
     seed: u32,
     // Maximum number of bounces before a photon is stored.
     max_bounces: u32,
-    // Number of photons in `flux_photons` from earlier batches. Photons that no longer fit are counted, not stored.
+    // Number of photons in `flux_photons` from earlier dispatches. Photons that no longer fit are counted, not stored.
     stored: u32,
     // 1 over the unit of flux.
     inverse_unit: f32,
@@ -50,8 +50,6 @@ var<immediate> flux_pass: FluxParameters;
 @group(0) @binding(1) var<storage, read_write> flux_counts: array<atomic<u32>, FLUX_COUNTS>;
 // The index of each light's first ray, and the total number of rays at the end.
 @group(0) @binding(2) var<storage, read> flux_rays: array<u32>;
-
-const FAR_AWAY = 1e30;
 
 // Stores a photon at a position on a surface. `xi` rounds the flux at random, `kind` is that of `flux_word`.
 fn store(position: vec3f, normal: vec3f, flux: vec3f, xi: f32, kind: u32) {
@@ -89,7 +87,7 @@ fn store_shadows(first: LightHit, is_active: bool, xi: f32, seed: u32, lane: u32
     loop {
         var on = no_ray();
         if goes_on {
-            on = ray_behind(found, first.ray.direction, FAR_AWAY);
+            on = ray_behind(found, first.ray.direction, UNBOUNDED);
             rays++;
         }
         let hit = trace_closest_together(on, RaySample(seed, 0u), lane);
@@ -188,7 +186,7 @@ fn flux(
     for (var bounce = 0u; ; bounce++) {
         var here = no_ray();
         if goes_on {
-            here = Ray(offset_origin(leaving.position, leaving.normal), 0.0, leaving.direction, FAR_AWAY);
+            here = Ray(offset_origin(leaving.position, leaving.normal), 0.0, leaving.direction, UNBOUNDED);
             rays++;
         }
         let bounce_seed = hash3(seed, ray, bounce);

@@ -49,6 +49,7 @@ fn photon_cell(photon: Photon) -> u32 {
     return cell_index(grid_pass.grid, photon_light(photon.word), cell_of(grid_pass.grid, photon.position));
 }
 
+// Counts the photons of each cell; the count so far is a photon's rank in its cell.
 @compute @workgroup_size(64)
 fn count(
     @builtin(workgroup_id) group: vec3u,
@@ -60,7 +61,8 @@ fn count(
     photon_ranks[i] = atomicAdd(&cell_counts[photon_cell(photons[i])], 1u);
 }
 
-// A block is scanned by one invocation: on lavapipe several times faster than a scan in shared memory.
+// Sums the counts of each block of cells. One invocation scans a block: on lavapipe several times faster than a scan in
+// shared memory.
 @compute @workgroup_size(64)
 fn sum(
     @builtin(workgroup_id) group: vec3u,
@@ -106,6 +108,8 @@ fn scan(@builtin(local_invocation_index) lane: u32) {
     }
 }
 
+// The index of each cell's first photon, from the counts of its block and the sum of the blocks before; and the list of
+// the cells that hold photons.
 @compute @workgroup_size(64)
 fn start(
     @builtin(workgroup_id) group: vec3u,
@@ -125,6 +129,7 @@ fn start(
     if end == grid_pass.cell_count { starts[end] = before; }
 }
 
+// Writes each photon behind those of lower rank in its cell.
 @compute @workgroup_size(64)
 fn scatter(
     @builtin(workgroup_id) group: vec3u,

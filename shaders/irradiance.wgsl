@@ -12,8 +12,8 @@ import package::lib::packet::{no_ray, trace_closest_together};
 import package::kit::group_index;
 import package::lib::irradiance::{IRRADIANCE_TEXELS, encode_disc};
 import package::lib::grid::{
-    COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, point_ball,
-    reach_guess, row_photons, rows_about
+    COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, expected_reach, load_photon,
+    nearest, point_ball, row_photons, rows_about
 };
 @if(!(photon_map || caustics)) import package::lib::math::{PI, basis, circle_point, is_finite3};
 @if(photon_map || caustics) import package::lib::math::{
@@ -261,7 +261,7 @@ struct Disc {
 // for any k.
 fn reach_at(position: vec3f, max_reach: f32) -> f32 {
     let grid = irradiance_pass.grid;
-    return min(reach_guess(grid, 0u, cell_of(grid, position), irradiance_pass.shrink), max_reach);
+    return min(expected_reach(grid, 0u, cell_of(grid, position), irradiance_pass.shrink), max_reach);
 }
 
 // Sums the photons of the disc around a position, less those behind walls. `reach` is in cells.

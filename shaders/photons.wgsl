@@ -7,8 +7,10 @@ import package::lib::math::oct_encode7;
 import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol4;
 import package::lib::light::light_emit;
-import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, intersect_triangle, offset_origin, shear_ray};
-import package::lib::bvh::{stops, traversal_iterations, traversal_overrun, triangle_corners, triangle_word};
+import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, UNBOUNDED, intersect_triangle, offset_origin, shear_ray};
+import package::lib::bvh::{
+    stops, traversal_iterations, traversal_overrun, triangle_corners, triangle_normal, triangle_word
+};
 import package::lib::packet::{LINE_ITERATIONS, begin_line, next_on_line, no_ray};
 import package::lib::photon::{Photon, photon_word};
 @if(procedurals) import package::lib::procedural::{
@@ -39,8 +41,6 @@ var<immediate> photon_pass: PhotonParameters;
 // Photons appended, rays that met the loop budget; then by light illumination and shadow photons.
 @group(0) @binding(1) var<storage, read_write> traced_counts: array<atomic<u32>>;
 
-const FAR = 1e30;
-
 var<workgroup> group_length: atomic<u32>;
 var<workgroup> group_base: u32;
 
@@ -58,8 +58,7 @@ struct Arrival {
 }
 
 fn arrival(primitive: u32, direction: vec3f) -> Arrival {
-    let corners = triangle_corners(primitive);
-    let normal = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]));
+    let normal = normalize(triangle_normal(primitive));
     let faces = dot(normal, direction) < 0.0;
     // The paper does not distinguish sides.
     @if(paper_counting) let stores = true;
@@ -143,7 +142,7 @@ fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, prim
 fn meet_triangle(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, hit: Hit, direction: vec3f) {
     // The loop over kept photons runs once even where there is no hit.
     @if(packets) { traversal_iterations++; }
-    if hit.triangle == NO_HIT || !stops(hit, 0.0, FAR, RaySample((*kept).seed, 0u)) { return; }
+    if hit.triangle == NO_HIT || !stops(hit, 0.0, UNBOUNDED, RaySample((*kept).seed, 0u)) { return; }
     meet(kept, nearest, hit.t, hit.triangle, arrival(hit.triangle, direction));
 }
 
@@ -156,7 +155,7 @@ fn meet_triangle(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, hit
 fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, ray: Ray) {
     procedural_ray_iterations = 0u;
     for (var object = 0u; object < procedural_count; object++) {
-        let inside = enter_object(object, ray, FAR);
+        let inside = enter_object(object, ray, UNBOUNDED);
         var so_far = 0.0;
         var number = 0u;
         while so_far < inside.length {
@@ -200,7 +199,7 @@ fn photons(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     var kept: Kept;
-    var nearest = Nearest(FAR, NO_HIT, Arrival(vec3f(0.0), false));
+    var nearest = Nearest(UNBOUNDED, NO_HIT, Arrival(vec3f(0.0), false));
     var light = 0u;
     var stored = 0u;
     var rank = 0u;
@@ -214,7 +213,7 @@ fn photons(
         let seed = hash3(photon_pass.seed, DIMENSION_PHOTON, light);
         let emitted = light_emit(light, sobol4(index, seed));
         kept.seed = hash2(seed, index);
-        ray = Ray(offset_origin(emitted.origin, emitted.normal), 0.0, emitted.direction, FAR);
+        ray = Ray(offset_origin(emitted.origin, emitted.normal), 0.0, emitted.direction, UNBOUNDED);
     }
     var line = begin_line(ray, lane);
     while !line.done {

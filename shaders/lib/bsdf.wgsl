@@ -18,8 +18,8 @@ import package::lib::math::{PI, basis};
 import package::lib::sampling::sample_cosine;
 @if(glossy) import package::lib::bsdf::lobe::LayerPair;
 @if(glossy) import package::lib::bsdf::microfacet::{
-    LocalPair, MIN_ALPHA, max_visible_density, microfacets, pair_in_frame, reflection_density, sample_visible_normal,
-    visible_density,
+    LocalPair, MIN_ALPHA, MIN_VIEW_COSINE, max_visible_density, microfacets, pair_in_frame, reflection_density,
+    sample_visible_normal, visible_density,
 };
 @if(glossy) import package::lib::bsdf::specular::{
     is_black_specular, is_metallic, mean_with_specular, specular_kept, specular_reflectance, specular_through,
@@ -422,7 +422,7 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
 // 0. The density is a mean of those of the lobes, weighted by the probabilities of sampling them.
 @if(glossy)
 fn bsdf_max_density(s: Surface) -> f32 {
-    let view_z = clamp(dot(s.view, s.shading_normal), 1e-4, 1.0);
+    let view_z = clamp(dot(s.view, s.shading_normal), MIN_VIEW_COSINE, 1.0);
     var alpha = vec2f(s.specular.alpha);
     @each(spread) { alpha = NAME_alpha(s.NAME, alpha); }
     var black = is_black_specular(s.specular);

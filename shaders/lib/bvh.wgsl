@@ -242,15 +242,20 @@ fn leaf_counts(tail: vec4u) -> u32 {
     return (tail.y >> 28u) | ((tail.z >> 24u) & 0xf0u) | ((tail.w >> 20u) & 0xf00u);
 }
 
+// How far planes are moved outwards, as a share of the farthest coordinate: 2^-20.
+const PLANE_MARGIN = 0.00000095367432;
+// By how much far planes count as farther, for the rounding of 1 / direction: 2^-20 of t.
+const FAR_PLANE_SCALE = 1.00000095367432;
+
 // The keys of the children that the ray meets before t_max, sorted; `tail` is the node's last texel.
 //
 // With a = (origin - ray's origin) / direction and b = step / direction, the ray meets a plane at t = a + q b. The
 // margin of the planes covers the rounding of b's terms (src/bvh/node.rs). A child must not be missed if the triangle
 // test could report a hit in it. Across the ray, that test uses points that are off by at most 9 * 2^-24 times their
 // coordinates relative to the ray's origin: one rounding of the difference, three of the shear, its product, the sum
-// and the edge function. Computing a takes three roundings too. Moving planes outwards by 2^-20 of the farthest
-// coordinate covers both. What remains is the rounding of 1 / direction, up to 2^-21 of t where division is inexact:
-// the ray may meet a far plane that much earlier than a near one (Ize 2013).
+// and the edge function. Computing a takes three roundings too. PLANE_MARGIN covers both. What remains is the rounding
+// of 1 / direction, up to 2^-21 of t where division is inexact: the ray may meet a far plane that much earlier than a
+// near one (Ize 2013).
 fn open_node(traversal: ptr<function, Traversal>, node: u32, tail: vec4u, t_max: f32) -> vec4u {
     let texel_0 = node_texel(BVH_NODE_TEXELS * node);
     let texel_1 = node_texel(BVH_NODE_TEXELS * node + 1u);
@@ -260,9 +265,9 @@ fn open_node(traversal: ptr<function, Traversal>, node: u32, tail: vec4u, t_max:
     let step = bitcast<vec3f>((vec3u(head) << vec3u(23u, 15u, 7u)) & vec3u(0x7f800000u));
     let offset = bitcast<vec3f>(texel_0.xyz) - (*traversal).sheared.origin;
     let reach = abs(offset) + 255.0 * step;
-    @if(!instances) let slack = 0.00000095367432 * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
+    @if(!instances) let slack = PLANE_MARGIN * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
     // Outside instances for the errors of rays inside them too (ray_in_mesh): 160 * 2^-24 covers the 12 above and 141.
-    @if(instances) let margin = select(0.0000095367432, 0.00000095367432, (*traversal).inside);
+    @if(instances) let margin = select(10.0 * PLANE_MARGIN, PLANE_MARGIN, (*traversal).inside);
     @if(instances) let slack = margin * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
     let a = offset * inverse;
     let b = step * inverse;
@@ -283,7 +288,7 @@ fn open_node(traversal: ptr<function, Traversal>, node: u32, tail: vec4u, t_max:
     let number = vec4u(0u, 1u, 2u, 3u);
     let triangles = (vec4u(leaf_counts(tail)) >> (3u * number)) & vec4u(7u);
     let used = (number < vec4u((head >> 24u) & 15u)) | (triangles != vec4u(0u));
-    let met = (bitcast<vec4f>(enter) <= bitcast<vec4f>(leave) * 1.00000095367432) & used;
+    let met = (bitcast<vec4f>(enter) <= bitcast<vec4f>(leave) * FAR_PLANE_SCALE) & used;
     return sorted(select(vec4u(NO_KEY), (bitcast<vec4u>(enter) & vec4u(0xfffffffcu)) | number, met));
 }
 
@@ -330,11 +335,16 @@ fn stops(hit: Hit, t_min: f32, t_max: f32, sample: RaySample) -> bool {
     return stopped;
 }
 
+// A vector along the outer normal of a triangle; its length is twice the triangle's area.
+fn triangle_normal(primitive: u32) -> vec3f {
+    let corners = triangle_corners(primitive);
+    return cross(corners[1] - corners[0], corners[2] - corners[0]);
+}
+
 // A vector along the outer normal of the surface that was hit; not of unit length.
 fn hit_normal(hit: Hit) -> vec3f {
     @if(procedurals) { if is_procedural(hit.triangle) { return procedural_normal(hit); } }
-    let corners = triangle_corners(hit.triangle);
-    return cross(corners[1] - corners[0], corners[2] - corners[0]);
+    return triangle_normal(hit.triangle);
 }
 
 // Whether a hit comes before another: the nearer one, or at the same distance the one of the lower primitive index.

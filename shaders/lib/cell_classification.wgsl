@@ -10,8 +10,8 @@
 import package::lib::cell_class::{CellClass, VISIBILITY_STEPS, decode_cell_class, encode_cell_class};
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN};
 import package::lib::grid::{
-    COMPATIBLE_COSINE_SQUARED, FAR, GridShape, MAX_REACH, NORMAL_STRETCH, SearchBall, cell_centre, load_photon, nearest,
-    reach_guess, row_photons, rows_about
+    COMPATIBLE_COSINE_SQUARED, FAR, FIRST_REACH, GridShape, MAX_REACH, NORMAL_STRETCH, SearchBall, cell_centre,
+    expected_reach, load_photon, nearest, row_photons, rows_about
 };
 import package::lib::math::{oct_decode7, oct_within7, safe_sqrt};
 import package::lib::photon::photon_is_shadow;
@@ -225,11 +225,14 @@ fn classify_cluster(grid: GridShape, cluster: Cluster, visits: u32) -> vec2u {
     let cell = grid.cell;
     var result = packed_cluster(grid, cluster);
     let extent = extent_of(grid, cluster, result);
+    // Margins for the rounding of cells' borders, as in lib/photon_search.
     let low = (extent.centre + extent.low - grid.origin) * grid.inverse_cell - 1e-3;
     let high = (extent.centre + extent.high - grid.origin) * grid.inverse_cell + 1e-3;
 
-    // An estimate of the reach from the photons here; it grows until it holds enough of them.
-    var reach = clamp(reach_guess(grid, cluster.light, cluster.cell, 1.3) + 0.7, 1.0, MAX_REACH);
+    // An estimate of the reach from the photons here; it grows until it holds enough of them. Distances are to the
+    // farthest point of the cell's surface, which is half a diagonal, 0.7 cells, from the middle of the surface.
+    var reach = expected_reach(grid, cluster.light, cluster.cell, FIRST_REACH) + 0.7;
+    reach = clamp(reach, 1.0, MAX_REACH);
     // Eighths of the squared reach, about equal shares of a surface; counted only where both kinds are in reach.
     var marks = Marks(0.0, false, vec4f(0.0), vec4f(0.0));
     loop {
@@ -244,6 +247,7 @@ fn classify_cluster(grid: GridShape, cluster: Cluster, visits: u32) -> vec2u {
                 result.reach = MAX_REACH * cell;
                 break;
             }
+            // By the density so far, with a margin. Few photons tell little of it, so neither far less nor far more.
             reach = min(reach * clamp(sqrt(f32(nearest) / f32(max(counts.sure, 1u))) * 1.1, 1.25, 2.0), MAX_REACH);
             continue;
         }

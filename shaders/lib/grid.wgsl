@@ -112,7 +112,7 @@ fn point_ball(centre: vec3f, reach: f32, normal: vec3f) -> SearchBall {
 fn reach_box(reach: f32, normal: vec3f, tilt: f32) -> vec3f {
     @if(paper_counting) { return vec3f(reach); }
     let along = max(abs(normal) - tilt, vec3f(0.0));
-    return reach * sqrt(vec3f(1.0) - 0.9375 * along * along);
+    return reach * sqrt(vec3f(1.0) - 15.0 / 16.0 * along * along);
 }
 
 // The rows of cells along x that the volume may touch: first and last (y, z).
@@ -158,9 +158,13 @@ fn clip_to_plane(ends: vec2f, row_low: vec2f, ball: SearchBall) -> vec2f {
     );
 }
 
-// Estimates the distance to the k-th nearest photon, in cells: `spare` times the radius that holds k photons at the
-// mean density of the cell and its 26 neighbours. On a flat surface 3 x 3 of the 27 cells hold photons.
-fn reach_guess(grid: GridShape, light: u32, cell: vec3u, spare: f32) -> f32 {
+// A search that begins with the expected reach times this hardly ever has to be widened where photons are even: on
+// average the disc holds 1.69 k photons, and of random photons fewer than k = 30 once in 1,500 times.
+const FIRST_REACH = 1.3;
+
+// The expected distance to the k-th nearest photon, in cells: the radius that holds k photons at the mean density of
+// the cell and its 26 neighbours. On a flat surface 3 x 3 of the 27 cells hold photons. `factor` scales it.
+fn expected_reach(grid: GridShape, light: u32, cell: vec3u, factor: f32) -> f32 {
     let low = vec3i(max(cell, vec3u(1u)) - 1u);
     let high = vec3i(min(cell + 1u, grid.size - 1u));
     var photons = 0u;
@@ -170,5 +174,5 @@ fn reach_guess(grid: GridShape, light: u32, cell: vec3u, spare: f32) -> f32 {
             photons += load_cell_start(base + u32(high.x) + 1u) - load_cell_start(base + u32(low.x));
         }
     }
-    return spare * sqrt(f32(nearest) * 9.0 / (PI * f32(max(photons, 1u))));
+    return factor * sqrt(f32(nearest) * 9.0 / (PI * f32(max(photons, 1u))));
 }

@@ -21,6 +21,7 @@ import package::lib::light::table::{
 };
 @if(environment) import package::lib::math::PI;
 import package::lib::ray::{Ray, offset_origin};
+import package::lib::rng::BELOW_ONE;
 
 // ---- Light sampler
 
@@ -44,7 +45,7 @@ fn sample_light(u: f32) -> SampledLight {
         let count = light_count();
         let scaled = u * f32(count);
         let light = min(u32(scaled), count - 1u);
-        return SampledLight(light, 1.0 / f32(count), clamp(scaled - f32(light), 0.0, 1.0 - 1.0 / 16777216.0));
+        return SampledLight(light, 1.0 / f32(count), clamp(scaled - f32(light), 0.0, BELOW_ONE));
     }
     @else { return sample_light_by_power(u); }
 }
@@ -59,7 +60,7 @@ fn sample_light_by_power(u: f32) -> SampledLight {
     }
     let found = light_texel_f32(first, LIGHT_SAMPLING_TEXEL);
     let left = 1.0 - (found.x - u) / found.y;
-    return SampledLight(first, found.y, clamp(left, 0.0, 1.0 - 1.0 / 16777216.0));
+    return SampledLight(first, found.y, clamp(left, 0.0, BELOW_ONE));
 }
 
 // ---- Punctual lights

@@ -19,7 +19,9 @@ import package::lib::bvh::{trace_closest, trace_occluded};
 @if(packets) import package::lib::bvh::{NO_ENTRY, NO_KEY, ONE_TRIANGLE, before};
 @if(packets) import package::lib::bvh_triangles::triangle_texel;
 @if(!packets || !alpha_test) import package::lib::bvh::MAX_ITERATIONS;
-@if(packets) import package::lib::bvh::{sorted, traversal_iterations, traversal_overrun, within};
+@if(packets) import package::lib::bvh::{
+    FAR_PLANE_SCALE, PLANE_MARGIN, sorted, traversal_iterations, traversal_overrun, within
+};
 @if(packets) import package::lib::constants::{BVH_TRIANGLE_TEXELS, PACKET_LANES};
 @if(packets) import package::lib::table::table_texel;
 @if(packets && alpha_test) import package::lib::alpha::alpha_blocks;
@@ -100,14 +102,14 @@ struct Slabs {
 // The margin covers the error of the triangle test that lib/bvh (open_node) derives, 9 * 2^-24 of the farthest
 // coordinate relative to the ray's origin, and the roundings of a plane's distance here: those of plane / direction, of
 // origin / direction, of its sum with the margin and of the difference are 2^-24 each, of at most the sum of the
-// plane's and the origin's coordinates. So 2^-20 of the largest such sum covers both. Boxes are exact, and the rest is
-// as in lib/bvh.
+// plane's and the origin's coordinates. So PLANE_MARGIN times the largest such sum covers both. Boxes are exact. The
+// rest is as in lib/bvh.
 @if(packets)
 fn slabs_of(ray: Ray) -> Slabs {
     let inverse = 1.0 / nonzero_direction(ray.direction);
     // The largest coordinate of all boxes is with the upper planes of the root's first child.
     let reach = abs(ray.origin) + textureLoad(packet_nodes, table_texel(PACKET_LANES / 2u)).w;
-    let slack = 0.00000095367432 * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
+    let slack = PLANE_MARGIN * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
     let start = ray.origin * inverse;
     let near_lane = select(vec3u(PACKET_LANES / 2u), vec3u(0u), inverse > vec3f(0.0));
     return Slabs(inverse, start + slack, start - slack, near_lane, ray.t_min);
@@ -128,7 +130,7 @@ fn child_key(slabs: Slabs, texel: vec4f, child: u32, t_max: f32) -> u32 {
     let b = bitcast<vec3i>(far_planes * slabs.inverse_direction - slabs.far_start);
     let enter = max(max(a.x, a.y), max(a.z, bitcast<i32>(slabs.t_min)));
     let leave = min(min(b.x, b.y), min(b.z, bitcast<i32>(t_max)));
-    let met = bitcast<f32>(enter) <= bitcast<f32>(leave) * 1.00000095367432;
+    let met = bitcast<f32>(enter) <= bitcast<f32>(leave) * FAR_PLANE_SCALE;
     return select(NO_KEY, (bitcast<u32>(enter) & 0xfffffffcu) | child, met);
 }
 
@@ -165,10 +167,10 @@ fn push_entries(stack: ptr<function, PacketStack>, entry: u32, count: u32, lane:
         (*stack).words = select((*stack).words, vec2u(entry), vec2u(lane, lane + 8u) >= vec2u(height));
     }
     @if(!shallow_bvh) {
-        let place = vec4u(lane) + vec4u(0u, 8u, 16u, 24u);
-        (*stack).low = select((*stack).low, vec4u(entry), place >= vec4u(height));
-        (*stack).middle = select((*stack).middle, vec4u(entry), place + 32u >= vec4u(height));
-        (*stack).high = select((*stack).high, vec4u(entry), place + 64u >= vec4u(height));
+        let index = vec4u(lane) + vec4u(0u, 8u, 16u, 24u);
+        (*stack).low = select((*stack).low, vec4u(entry), index >= vec4u(height));
+        (*stack).middle = select((*stack).middle, vec4u(entry), index + 32u >= vec4u(height));
+        (*stack).high = select((*stack).high, vec4u(entry), index + 64u >= vec4u(height));
     }
     (*stack).height = height + count;
 }
@@ -176,14 +178,14 @@ fn push_entries(stack: ptr<function, PacketStack>, entry: u32, count: u32, lane:
 // The entry on top of the stack, NO_ENTRY if it is empty.
 @if(packets)
 fn top_entry(stack: PacketStack) -> u32 {
-    let place = stack.height - 1u;
-    let odd = (place & 8u) != 0u;
+    let index = stack.height - 1u;
+    let odd = (index & 8u) != 0u;
     @if(shallow_bvh) let word = select(stack.words.x, stack.words.y, odd);
     @if(!shallow_bvh) let words =
-        select(select(stack.low, stack.middle, (place & 32u) != 0u), stack.high, (place & 64u) != 0u);
+        select(select(stack.low, stack.middle, (index & 32u) != 0u), stack.high, (index & 64u) != 0u);
     @if(!shallow_bvh) let word =
-        select(select(words.x, words.y, odd), select(words.z, words.w, odd), (place & 16u) != 0u);
-    return select(subgroupShuffle(word, place & 7u), NO_ENTRY, stack.height == 0u);
+        select(select(words.x, words.y, odd), select(words.z, words.w, odd), (index & 16u) != 0u);
+    return select(subgroupShuffle(word, index & 7u), NO_ENTRY, stack.height == 0u);
 }
 
 @if(packets)

@@ -9,8 +9,8 @@
 import package::lib::class_word::class_word;
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN};
 import package::lib::grid::{
-    FAR, GridShape, MAX_REACH, cell_of, counted_distance, load_photon, nearest, point_ball, reach_guess, row_photons,
-    rows_about
+    FAR, FIRST_REACH, GridShape, MAX_REACH, cell_of, counted_distance, expected_reach, load_photon, nearest, point_ball,
+    row_photons, rows_about
 };
 import package::lib::photon::{photon_has_weight, photon_is_shadow, photon_weight_sixteenths};
 
@@ -87,7 +87,8 @@ fn class_by_search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, 
     let farthest = MAX_REACH * grid.cell;
     var reach = known_reach;
     if reach == 0.0 {
-        reach = grid.cell * max(reach_guess(grid, light, cell_of(grid, position), 1.3), 0.1);
+        // Not below a tenth of a cell, where a single cell holds very many photons.
+        reach = grid.cell * max(expected_reach(grid, light, cell_of(grid, position), FIRST_REACH), 0.1);
     }
     reach = min(reach, MAX_FIRST_REACH * grid.cell);
     // The result of the previous search, and its reach.
@@ -98,6 +99,7 @@ fn class_by_search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, 
         if !found.complete { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.5); }
         if found.all >= nearest { break; }
         if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit, found.all - found.lit, 0.5); }
+        // By the density so far, with a margin. Few photons tell little of it, so neither far less nor far more.
         let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all, 1u)));
         closer = found;
         closer_reach = reach;

@@ -10,6 +10,9 @@ struct Ray {
     t_max: f32,
 }
 
+// `t_max` of rays from lights: directional lights emit from outside the scene.
+const UNBOUNDED = 1e30;
+
 // Which sample a ray is, for the random numbers by which it passes partly transparent surfaces. Samples that share a
 // sequence are stratified: of n rays, n times the transmittance pass, give or take one.
 struct RaySample {

@@ -15,7 +15,10 @@ fn hash3(x: u32, y: u32, z: u32) -> u32 {
     return hash1(x + hash2(y, z));
 }
 
-// The upper 24 bits as a fraction: 0 to 1 - 2^-24, never 1.
+// The largest number below 1.
+const BELOW_ONE = 1.0 - 1.0 / 16777216.0;
+
+// The upper 24 bits as a fraction: 0 to BELOW_ONE.
 fn uniform_from_bits(bits: u32) -> f32 {
     return f32(bits >> 8u) * (1.0 / 16777216.0);
 }

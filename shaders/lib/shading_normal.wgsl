@@ -13,10 +13,13 @@ fn mapped_normal(hit: Hit, texel: vec3f, scale: f32, normal: vec3f, front: bool)
     return select(-mapped, mapped, front);
 }
 
+// Cosine of the view to a bent normal: just above the horizon, so that rounding does not take the view below it.
+const BENT_COSINE = 1e-3;
+
 // Bends a shading normal that faces away from the viewer towards the view, just as far as needed (Schuessler et al.
 // 2017 discuss the choices).
 fn bent_to(normal: vec3f, view: vec3f) -> vec3f {
     let behind = dot(normal, view);
-    if behind >= 1e-3 { return normal; }
-    return normalize(normal + (1e-3 - behind) * view);
+    if behind >= BENT_COSINE { return normal; }
+    return normalize(normal + (BENT_COSINE - behind) * view);
 }

@@ -5,7 +5,7 @@
 @if(clearcoat) import package::lib::bsdf::microfacet::{
     LocalPair, lobe_means, max_visible_density, mean_kept, microfacets, schlick, through_layer, with_alpha,
 };
-@if(coat_normals) import package::lib::bsdf::microfacet::pair_in_frame;
+@if(coat_normals) import package::lib::bsdf::microfacet::{MIN_VIEW_COSINE, pair_in_frame};
 @if(clearcoat) import package::lib::constants::CLEARCOAT_TEXEL;
 @if(clearcoat && textures) import package::lib::constants::{
     CLEARCOAT_NORMAL_TEXTURE, CLEARCOAT_ROUGHNESS_TEXTURE, CLEARCOAT_TEXTURE, CLEARCOAT_TEXTURES,
@@ -142,7 +142,7 @@ fn coat_heights(lobe: Clearcoat, pair: LayerPair) -> vec2f {
 
 @if(clearcoat)
 fn coat_view_height(lobe: Clearcoat, pair: LayerPair) -> f32 {
-    @if(coat_normals) { return max(dot(pair.view, lobe.normal), 1e-4); }
+    @if(coat_normals) { return max(dot(pair.view, lobe.normal), MIN_VIEW_COSINE); }
     @else { return pair.local.view.z; }
 }
 
@@ -169,7 +169,7 @@ fn clearcoat_value(lobe: Clearcoat, pair: LocalPair) -> vec3f {
 // 0 without a coat.
 @if(clearcoat)
 fn clearcoat_max_density(lobe: Clearcoat, view: vec3f, view_z: f32) -> f32 {
-    @if(coat_normals) let height = max(dot(view, lobe.normal), 1e-4);
+    @if(coat_normals) let height = max(dot(view, lobe.normal), MIN_VIEW_COSINE);
     @if(!coat_normals) let height = view_z;
     return select(0.0, max_visible_density(height, vec2f(lobe.alpha)), clearcoat_is_present(lobe));
 }

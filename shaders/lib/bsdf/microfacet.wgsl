@@ -6,6 +6,9 @@
 // Minimum width. Narrower lobes look like mirrors, and their peak, 1 / (pi alpha^2), would exceed the precision of f32.
 @if(glossy) const MIN_ALPHA = 1e-3;
 
+// Minimum cosine of the view to a shading normal: bending the normal brings the view to its horizon, up to rounding.
+@if(glossy) const MIN_VIEW_COSINE = 1e-4;
+
 // The view and the direction of light in the frame of a shading normal.
 @if(glossy)
 struct LocalPair {
@@ -19,8 +22,7 @@ struct LocalPair {
 fn pair_in_frame(frame: mat3x3f, view: vec3f, direction: vec3f, alpha: vec2f) -> LocalPair {
     var pair: LocalPair;
     pair.view = view * frame;
-    // Bending the shading normal brings the view to its horizon, up to rounding.
-    pair.view.z = max(pair.view.z, 1e-4);
+    pair.view.z = max(pair.view.z, MIN_VIEW_COSINE);
     pair.light = direction * frame;
     pair.alpha = max(alpha, vec2f(MIN_ALPHA));
     return pair;

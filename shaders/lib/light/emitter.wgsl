@@ -10,6 +10,7 @@ import package::lib::constants::{EMITTER_SAMPLING_TEXEL, EMITTER_TEXELS};
 @if(emitter_pairs) import package::lib::light::table::light_texel;
 @if(emitter_pairs) import package::lib::math::oct_wrap;
 import package::lib::constants::LIGHT_TWO_SIDED;
+import package::lib::rng::BELOW_ONE;
 import package::lib::sampling::{SphericalTriangle, spherical_triangle};
 
 @if(texture_loads) @group(1) @binding(8) var emitter_texels: texture_storage_2d<rgba32uint, read>;
@@ -65,7 +66,7 @@ struct SampledEmitter {
 
 // The relative position of u, 0 to 1, within the interval of length `share` that ends at `cumulative`.
 fn left_of(u: f32, cumulative: f32, share: f32) -> f32 {
-    return clamp(1.0 - (cumulative - u) / share, 0.0, 1.0 - 1.0 / 16777216.0);
+    return clamp(1.0 - (cumulative - u) / share, 0.0, BELOW_ONE);
 }
 
 fn sample_emitter(header: vec4u, u: f32) -> SampledEmitter {

@@ -17,6 +17,7 @@ import package::lib::light::table::{
 };
 @if(emissive_textures) import package::lib::material::emission_at;
 import package::lib::math::{PI, oct_decode16};
+import package::lib::rng::BELOW_ONE;
 import package::lib::sampling::{SphericalTriangle, sample_spherical_triangle, sample_triangle};
 
 // A point of a mesh light.
@@ -99,6 +100,9 @@ fn mesh_potential(light: u32, position: vec3f, normal: vec3f) -> f32 {
     return select(0.0, strength * emitted * cosine / (distance2 + radius2), height > 0.0);
 }
 
+// Densities above this count as infinite.
+const MAX_PDF = 1e30;
+
 fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSample {
     @if(many_emitters) let range = emitter_range(light, header, position, u.x);
     @if(!many_emitters) let range = all_emitters(header, u.x);
@@ -120,12 +124,12 @@ fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSam
         } else if sum > 0.0 {
             left = (left - chance) / (1.0 - chance);
         }
-        left = min(left, 1.0 - 1.0 / 16777216.0);
+        left = min(left, BELOW_ONE);
     }
     let pdf = select(range.probability, triangle.density, range.all) / sum;
     // No triangle faces the position, the position lies in the light's plane, or the density overflows at a grazing
     // angle.
-    if sum <= 0.0 || !(pdf < 1e30) { return no_light_sample(); }
+    if sum <= 0.0 || !(pdf < MAX_PDF) { return no_light_sample(); }
     let point = mesh_point(light, header, triangle, sample_spherical_triangle(spherical, vec2f(left, u.y)));
     let offset = point.position - position;
     let distance2 = dot(offset, offset);
@@ -177,7 +181,7 @@ fn emitter_pdf(light: u32, emitter: u32, position: vec3f) -> f32 {
         sum += emitter_sends(header, triangle, spherical_emitter(triangle, position), position, all);
     }
     let probability = select(range.probability, load_emitter(emitter).density, all);
-    return select(0.0, min(probability / sum, 1e30), sum > 0.0);
+    return select(0.0, min(probability / sum, MAX_PDF), sum > 0.0);
 }
 
 // Samples a ray by emitted power and the cosine law, within the cone of the receiver bounds where that is narrower.

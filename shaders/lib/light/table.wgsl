@@ -39,13 +39,13 @@ fn light_has_closed_form(light: u32) -> bool {
     return (light_texel(light, LIGHT_KIND_TEXEL).x & LIGHT_CLOSED_FORM) != 0u;
 }
 
-// The light points that a surface point samples, at most `most`: one of a light that comes from a single direction.
-fn max_light_points(light: u32, most: u32) -> u32 {
+// The light points that a surface point samples, at most `limit`: one of a light that comes from a single direction.
+fn max_light_points(light: u32, limit: u32) -> u32 {
     @if(point_lights || spot_lights || directional_lights) {
         let kind = light_kind(light);
-        return select(1u, most, kind == LIGHT_MESH || kind == LIGHT_ENVIRONMENT);
+        return select(1u, limit, kind == LIGHT_MESH || kind == LIGHT_ENVIRONMENT);
     }
-    @else { return most; }
+    @else { return limit; }
 }
 
 struct LightSample {
