@@ -6,7 +6,7 @@ use glam::Vec3;
 use kernel_kit::{Buffer, Frame};
 
 use super::global_map::GlobalMapKernels;
-use super::shared::{Shared, TILE_SAMPLES};
+use super::shared::{Shared, TILE_SAMPLES, count_flux_photons};
 use crate::Result;
 use crate::kernels::GridShape;
 use crate::passes::Tile;
@@ -14,7 +14,6 @@ use crate::passes::flux::FluxSettings;
 use crate::passes::grid::Photon;
 use crate::passes::irradiance::{BoundShow, Shell, ShownMap};
 use crate::settings::Settings;
-use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
 /// Rays of a caustic map for each ray of the global map. More, because few of them hit a focusing surface first.
@@ -79,10 +78,8 @@ impl CausticMap {
         // A resumed render traces the map of its next samples once more.
         if number >= totals.caustic_maps {
             totals.caustic_maps = number + 1;
-            totals.photon_rays += traced.rays;
             totals.indirect.caustics += u64::from(traced.count);
-            totals.count(Counter::Overrun, traced.overruns);
-            totals.count(Counter::NotFiniteFlux, traced.not_finite);
+            count_flux_photons(&traced, totals);
         }
         if traced.count == 0 {
             return Ok(CausticMap { number, shows: Vec::new() });

@@ -3,7 +3,7 @@
 
 use kernel_kit::{Frame, Gpu};
 
-use super::shared::{Shared, extent};
+use super::shared::{Shared, count_flux_photons, extent};
 use crate::Result;
 use crate::kernels::GridShape;
 use crate::passes::Tile;
@@ -82,9 +82,7 @@ impl GlobalMap {
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
             let flux = FluxSettings { rays, max_bounces, seed, caustics_only: false };
             let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, flux)?;
-            totals.photon_rays += traced.rays;
-            totals.count(Counter::Overrun, traced.overruns);
-            totals.count(Counter::NotFiniteFlux, traced.not_finite);
+            count_flux_photons(&traced, totals);
             Ok(traced)
         };
         let extent = extent(scene);
@@ -92,7 +90,7 @@ impl GlobalMap {
         let mut counts = Indirect {
             emitted: u64::from(photons.emitted),
             photons: u64::from(photons.count),
-            cut: photons.cut,
+            clipped: photons.clipped,
             caustics,
             ..Indirect::default()
         };

@@ -3,7 +3,7 @@
 
 use kernel_kit::{Buffer, Frame, Gpu};
 
-use super::shared::{Shared, extent, photons_by_light};
+use super::shared::{Shared, count_visibility_photons, extent};
 use crate::Result;
 use crate::passes::Tile;
 use crate::passes::grid::Grid;
@@ -121,9 +121,7 @@ fn zone_table(
     let lights = scene.placed_lights().len() as u32;
     let rays = settings.photons_per_light().min(ZONE_RAYS / lights).clamp(1, RAYS_PER_LIGHT);
     let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, 0)?;
-    totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
-    totals.photon_overruns += traced.overruns;
-    totals.photons = photons_by_light(scene, &traced);
+    count_visibility_photons(scene, &traced, totals);
     let (bounds, area) = extent(scene);
     let shape = zone_shape(bounds, area, traced.count, lights);
     // The photons are sorted by zone only.

@@ -7,9 +7,11 @@ use rayon::prelude::*;
 use crate::bvh::Aabb;
 use crate::gpu_scene::GpuScene;
 use crate::passes::TileBuffers;
+use crate::passes::flux::FluxPhotons;
 use crate::passes::photons::Traced;
 use crate::scene::{Light, Scene};
-use crate::statistics::LightPhotons;
+use crate::statistics::totals::Totals;
+use crate::statistics::{Counter, LightPhotons};
 
 /// Maximum number of samples of a pixel in one tile, so that audits repair the visibility map early and a render can
 /// stop soon.
@@ -28,8 +30,10 @@ pub(crate) struct Shared<'a> {
     pub tile: &'a TileBuffers,
 }
 
-/// The visibility photons of each light.
-pub(crate) fn photons_by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhotons> {
+/// Counts traced visibility photons: their rays, and the photons of each light.
+pub(crate) fn count_visibility_photons(scene: &Scene, traced: &Traced, totals: &mut Totals) {
+    totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
+    totals.photon_overruns += traced.overruns;
     let counts = traced.emitted.iter().zip(&traced.stored);
     let of_light = |(light, (emitted, [illumination, shadow])): (&Light, (&u32, &[u32; 2]))| LightPhotons {
         light: light.name.clone(),
@@ -38,7 +42,14 @@ pub(crate) fn photons_by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhoto
         shadow: u64::from(*shadow),
         repaired: 0,
     };
-    scene.placed_lights().iter().zip(counts).map(of_light).collect()
+    totals.photons = scene.placed_lights().iter().zip(counts).map(of_light).collect();
+}
+
+/// Counts the rays of traced flux photons, and the photons that were lost.
+pub(crate) fn count_flux_photons(traced: &FluxPhotons, totals: &mut Totals) {
+    totals.photon_rays += traced.rays;
+    totals.count(Counter::Overrun, traced.overruns);
+    totals.count(Counter::NotFiniteFlux, traced.not_finite);
 }
 
 /// Bounds and area of the scene's surfaces; procedural objects count as their boxes.

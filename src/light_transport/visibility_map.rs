@@ -4,7 +4,7 @@
 
 use kernel_kit::{Buffer, Gpu};
 
-use super::shared::{Shared, extent, photons_by_light};
+use super::shared::{Shared, count_visibility_photons, extent};
 use crate::Result;
 use crate::kernels::GridShape;
 use crate::passes::grid::{Grid, Photon, PhotonGrid};
@@ -17,10 +17,10 @@ use crate::statistics::totals::Totals;
 /// Maximum number of photons that audits add between two sortings of the map. One in 64 points is audited, and a few in
 /// a thousand audits contradict the map. If there are more, it would be random which of them fit, so none is added.
 /// They still count as wrong, and later audits find them again.
-const REPAIR_BATCH: u32 = 1 << 16;
+const REPAIRS_PER_SORT: u32 = 1 << 16;
 
 /// Maximum number of photons that audits add to a map in total.
-const REPAIR_ROOM: u32 = 1 << 18;
+const MAX_REPAIRS: u32 = 1 << 18;
 
 pub(crate) struct MapKernels {
     photons: Photons,
@@ -79,12 +79,12 @@ impl MapState {
     /// Restores the state from [`MapState::words`]. Returns `None` if there are too few words, or more photons than
     /// audits can leave.
     pub fn from_words(words: &[u32], added: usize, left: u32) -> Option<MapState> {
-        if added > REPAIR_ROOM as usize {
+        if added > MAX_REPAIRS as usize {
             return None;
         }
         let size = size_of::<Photon>() / 4;
         let (first, rest) = words.split_at_checked(added * size)?;
-        let (then, rest) = rest.split_at_checked(left.min(REPAIR_BATCH) as usize * size)?;
+        let (then, rest) = rest.split_at_checked(left.min(REPAIRS_PER_SORT) as usize * size)?;
         let (fine_cells, rest) = rest.split_first()?;
         let (fine_cells, rest) = rest.split_at_checked(*fine_cells as usize)?;
         let photons = |words: &[u32]| bytemuck::pod_collect_to_vec(words);
@@ -109,10 +109,8 @@ impl VisibilityMap {
         let Shared { gpu, scene, gpu_scene, .. } = *shared;
         let lights = scene.placed_lights().len() as u32;
         let rays = settings.photons_of_light(lights as usize);
-        let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, REPAIR_ROOM)?;
-        totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
-        totals.photon_overruns += traced.overruns;
-        totals.photons = photons_by_light(scene, &traced);
+        let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, MAX_REPAIRS)?;
+        count_visibility_photons(scene, &traced, totals);
         let (bounds, area) = extent(scene);
         let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.visibility_map.nearest);
         let grid = kernels.grid.build(gpu, &traced.photons, traced.count, lights, shape)?;
@@ -124,23 +122,23 @@ impl VisibilityMap {
             lights,
             photons: traced.photons,
             count: traced.count,
-            room: REPAIR_ROOM,
-            repairs: Repairs::new(gpu, REPAIR_BATCH)?,
+            room: MAX_REPAIRS,
+            repairs: Repairs::new(gpu, REPAIRS_PER_SORT)?,
         })
     }
 
     /// The map as it was before the first sample: without photons of audits, and with no cell requested.
     pub fn renewed(mut self, gpu: &Gpu) -> Result<VisibilityMap> {
-        if let Some(grid) = self.grid.as_ref().filter(|_| self.room == REPAIR_ROOM) {
+        if let Some(grid) = self.grid.as_ref().filter(|_| self.room == MAX_REPAIRS) {
             let mut frame = gpu.frame("renew");
             grid.forget_requested_cells(&mut frame);
             frame.clear(&self.repairs.count);
             frame.submit()?;
             return Ok(self);
         }
-        self.count -= REPAIR_ROOM - self.room;
-        self.room = REPAIR_ROOM;
-        self.repairs = Repairs::new(gpu, REPAIR_BATCH)?;
+        self.count -= MAX_REPAIRS - self.room;
+        self.room = MAX_REPAIRS;
+        self.repairs = Repairs::new(gpu, REPAIRS_PER_SORT)?;
         // The old tables are dropped first, so that the device need not hold both.
         self.grid = None;
         self.sort(gpu)?;
@@ -151,10 +149,10 @@ impl VisibilityMap {
     /// must be sorted again; its tables are then dropped.
     pub fn take_repairs(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
         let left = gpu.read::<u32>(&self.repairs.count, 1)?[0];
-        if left == 0 || !(due || left > REPAIR_BATCH / 2) {
+        if left == 0 || !(due || left > REPAIRS_PER_SORT / 2) {
             return Ok(self.grid.is_none());
         }
-        let added = if left > REPAIR_BATCH.min(self.room) { 0 } else { left };
+        let added = if left > REPAIRS_PER_SORT.min(self.room) { 0 } else { left };
         let mut frame = gpu.frame("repair");
         if added > 0 {
             let photons: Vec<Photon> = gpu.read(&self.repairs.photons, added as usize)?;
@@ -181,12 +179,12 @@ impl VisibilityMap {
 
     /// The state that samples left so far.
     pub fn state(&self, gpu: &Gpu) -> Result<MapState> {
-        let added = (REPAIR_ROOM - self.room) as usize;
+        let added = (MAX_REPAIRS - self.room) as usize;
         let left = gpu.read::<u32>(&self.repairs.count, 1)?[0];
         Ok(MapState {
             added: gpu.read_from(&self.photons, self.count as usize - added, added)?,
             left,
-            kept: gpu.read(&self.repairs.photons, left.min(REPAIR_BATCH) as usize)?,
+            kept: gpu.read(&self.repairs.photons, left.min(REPAIRS_PER_SORT) as usize)?,
             rest: self.grid.as_ref().map_or(Ok(Vec::new()), |grid| grid.requested_cells_state(gpu))?,
             ..MapState::default()
         })
@@ -201,9 +199,9 @@ impl VisibilityMap {
         if !state.added.iter().chain(&state.kept).all(of_this_map) {
             return Ok(false);
         }
-        for batch in state.added.chunks(REPAIR_BATCH as usize) {
-            gpu.write(&self.repairs.photons, batch);
-            gpu.write(&self.repairs.count, &[batch.len() as u32]);
+        for photons in state.added.chunks(REPAIRS_PER_SORT as usize) {
+            gpu.write(&self.repairs.photons, photons);
+            gpu.write(&self.repairs.count, &[photons.len() as u32]);
             self.take_repairs(gpu, true, totals)?;
         }
         if self.grid.is_none() {
@@ -232,7 +230,7 @@ impl VisibilityMap {
 
     /// Maximum number of photons that audits add between two sortings.
     pub fn repair_capacity(&self) -> u32 {
-        REPAIR_BATCH
+        REPAIRS_PER_SORT
     }
 
     /// The photons of audits.

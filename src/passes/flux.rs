@@ -4,7 +4,7 @@
 
 use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
-use super::grid::Photon;
+use super::grid::PhotonBuffer;
 use super::kernel;
 use crate::Result;
 use crate::gpu_scene::GpuLights;
@@ -36,7 +36,7 @@ bindings! {
 
 /// Rays in a dispatch. It takes some tens of milliseconds on a software device, too short for a desktop's watchdog to
 /// stop it.
-const BATCH_RAYS: u32 = 1 << 15;
+const DISPATCH_RAYS: u32 = 1 << 15;
 
 /// Photons per ray that the first buffer has room for. In a room of albedo 0.7 a ray stores 3 on average.
 const PHOTONS_PER_RAY: usize = 4;
@@ -60,7 +60,7 @@ pub struct FluxSettings {
 
 /// Photons on the device, in any order. Their set depends only on the scene, the settings and the seed.
 pub struct FluxPhotons {
-    /// [`Photon`]s.
+    /// [`Photon`](super::grid::Photon)s.
     pub photons: Buffer,
     /// Number of photons.
     pub count: u32,
@@ -71,27 +71,29 @@ pub struct FluxPhotons {
     /// Power of one step of a photon's encoded flux, in the scene's units over normalised lengths squared.
     pub step: f64,
     /// Photons whose flux exceeded [`MAX_FLUX`](crate::kernels::MAX_FLUX) units and was clipped to it.
-    pub cut: u64,
+    pub clipped: u64,
     /// Photons not stored because their flux is not finite.
     pub not_finite: u64,
     /// Rays that exceeded the loop budget. Their later photons are missing.
     pub overruns: u64,
 }
 
-/// The batches of a trace: its buffers and what they hold so far.
-struct Batches<'a> {
+/// A trace under way: its buffers, and the photons so far.
+struct FluxTrace<'a> {
     gpu: &'a Gpu,
     settings: FluxSettings,
     light_count: u32,
+    /// Rays from all lights together.
+    emitted: u32,
     /// Largest flux of a ray that leaves a light: the unit of flux in the photons' words.
     unit: f64,
     ray_table: Buffer,
     counts: Buffer,
-    /// Photons that `traced.photons` has room for, and the maximum that one binding of the device holds.
-    room: usize,
-    limit: usize,
-    traced: FluxPhotons,
+    photons: PhotonBuffer,
 }
+
+/// The kernel's counts, by the indices `FLUX_STORED` and so on.
+type FluxCounts = [u32; FLUX_COUNTS as usize];
 
 impl Flux {
     /// Compiles the kernel.
@@ -116,7 +118,7 @@ impl Flux {
     ) -> Result<FluxPhotons> {
         let powers: Vec<f64> = lights.lights.iter().map(|light| light.received_share * light.power).collect();
         loop {
-            if let Some(photons) = Batches::new(gpu, &powers, settings)?.trace(&self.0, scene)? {
+            if let Some(photons) = FluxTrace::new(gpu, &powers, settings)?.run(&self.0, scene)? {
                 return Ok(photons);
             }
             settings.rays /= 2;
@@ -124,105 +126,78 @@ impl Flux {
     }
 }
 
-impl<'a> Batches<'a> {
-    fn new(gpu: &'a Gpu, powers: &[f64], settings: FluxSettings) -> Result<Batches<'a>> {
+impl<'a> FluxTrace<'a> {
+    fn new(gpu: &'a Gpu, powers: &[f64], settings: FluxSettings) -> Result<FluxTrace<'a>> {
         let first_rays = first_rays(powers, settings.rays);
         let emitted = first_rays[powers.len()];
         let by_light = powers.iter().zip(first_rays.windows(2)).filter(|(_, ends)| ends[1] > ends[0]);
         let unit = by_light.map(|(power, ends)| power / f64::from(ends[1] - ends[0])).fold(0.0, f64::max);
-        let limit = (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize;
-        let room = (PHOTONS_PER_RAY * emitted as usize).clamp(1, limit);
-        let traced = FluxPhotons {
-            photons: photon_buffer(gpu, room)?,
-            count: 0,
-            emitted,
-            rays: 0,
-            step: unit / f64::from(FLUX_STEPS),
-            cut: 0,
-            not_finite: 0,
-            overruns: 0,
-        };
-        Ok(Batches {
+        Ok(FluxTrace {
             gpu,
             settings,
             light_count: powers.len() as u32,
+            emitted,
             unit,
             ray_table: gpu.upload("penumbra/flux/rays", &first_rays)?,
             counts: gpu.buffer::<u32>("penumbra/flux/counts", FLUX_COUNTS as usize)?,
-            room,
-            limit,
-            traced,
+            photons: PhotonBuffer::new(gpu, "penumbra/flux/photons", PHOTONS_PER_RAY * emitted as usize)?,
         })
     }
 
     /// All photons, or `None` if they would outgrow the device's largest binding.
-    fn trace(mut self, kernel: &Kernel, scene: &dyn Bindings) -> Result<Option<FluxPhotons>> {
+    fn run(mut self, kernel: &Kernel, scene: &dyn Bindings) -> Result<Option<FluxPhotons>> {
+        let mut sums = [0u64; FLUX_COUNTS as usize];
         let mut first_ray = 0;
-        while first_ray < self.traced.emitted && self.unit > 0.0 {
-            let ray_count = BATCH_RAYS.min(self.traced.emitted - first_ray);
-            let counts = self.run(kernel, scene, first_ray, ray_count)?;
-            let needed = self.traced.count as usize + counts[FLUX_STORED as usize] as usize;
-            if needed > self.limit {
-                return Ok(None);
-            }
-            if needed > self.room {
-                // Traces the batch again, because which of its photons fitted is not deterministic.
-                self.grow(needed)?;
+        while first_ray < self.emitted && self.unit > 0.0 {
+            let ray_count = DISPATCH_RAYS.min(self.emitted - first_ray);
+            let counts = self.dispatch(kernel, scene, first_ray, ray_count)?;
+            let needed = self.photons.count + counts[FLUX_STORED as usize] as usize;
+            if needed > self.photons.room {
+                if !self.photons.reserve(self.gpu, needed)? {
+                    return Ok(None);
+                }
+                // The same rays again, because which of their photons fitted is not deterministic.
                 continue;
             }
-            self.traced.count += counts[FLUX_STORED as usize];
-            self.traced.rays += u64::from(counts[FLUX_TRACED as usize]);
-            self.traced.cut += u64::from(counts[FLUX_CLIPPED as usize]);
-            self.traced.not_finite += u64::from(counts[FLUX_NOT_FINITE as usize]);
-            self.traced.overruns += u64::from(counts[FLUX_OVERRUNS as usize]);
+            self.photons.count = needed;
+            sums.iter_mut().zip(counts).for_each(|(sum, more)| *sum += u64::from(more));
             first_ray += ray_count;
         }
-        Ok(Some(self.traced))
+        let sum = |count: u32| sums[count as usize];
+        Ok(Some(FluxPhotons {
+            photons: self.photons.buffer,
+            count: self.photons.count as u32,
+            emitted: self.emitted,
+            rays: sum(FLUX_TRACED),
+            step: self.unit / f64::from(FLUX_STEPS),
+            clipped: sum(FLUX_CLIPPED),
+            not_finite: sum(FLUX_NOT_FINITE),
+            overruns: sum(FLUX_OVERRUNS),
+        }))
     }
 
-    /// Traces one batch and appends its photons to those of earlier batches. Returns the kernel's counts.
-    fn run(
-        &self,
-        kernel: &Kernel,
-        scene: &dyn Bindings,
-        first_ray: u32,
-        ray_count: u32,
-    ) -> Result<[u32; FLUX_COUNTS as usize]> {
-        let own =
-            FluxBindings { flux_photons: &self.traced.photons, flux_counts: &self.counts, flux_rays: &self.ray_table };
-        let bound = kernel.bind(self.gpu, "flux", &[&own, scene])?;
+    /// Traces some of the rays. The kernel appends their photons to those of earlier rays, as far as there is room, and
+    /// counts all.
+    fn dispatch(&self, kernel: &Kernel, scene: &dyn Bindings, first_ray: u32, ray_count: u32) -> Result<FluxCounts> {
+        let FluxTrace { gpu, settings, photons, counts, ray_table, .. } = self;
+        let own = FluxBindings { flux_photons: &photons.buffer, flux_counts: counts, flux_rays: ray_table };
+        let bound = kernel.bind(gpu, "flux", &[&own, scene])?;
         let parameters = FluxParameters {
             first_ray,
             ray_count,
             light_count: self.light_count,
-            seed: self.settings.seed,
-            max_bounces: self.settings.max_bounces,
-            stored: self.traced.count,
+            seed: settings.seed,
+            max_bounces: settings.max_bounces,
+            stored: photons.count as u32,
             inverse_unit: (1.0 / self.unit) as f32,
-            caustics_only: u32::from(self.settings.caustics_only),
+            caustics_only: u32::from(settings.caustics_only),
         };
-        let mut frame = self.gpu.frame("flux");
-        frame.clear(&self.counts);
+        let mut frame = gpu.frame("flux");
+        frame.clear(counts);
         frame.run(&bound, ray_count, &parameters);
         frame.submit()?;
-        Ok(self.gpu.read::<[u32; FLUX_COUNTS as usize]>(&self.counts, 1)?[0])
+        Ok(gpu.read::<FluxCounts>(counts, 1)?[0])
     }
-
-    /// Moves the photons to a buffer with room for `needed` photons.
-    fn grow(&mut self, needed: usize) -> Result<()> {
-        self.room = (2 * self.room).max(needed).min(self.limit);
-        let larger = photon_buffer(self.gpu, self.room)?;
-        let mut frame = self.gpu.frame("flux");
-        let bytes = u64::from(self.traced.count) * size_of::<Photon>() as u64;
-        frame.copy(&self.traced.photons, &larger, 0, bytes);
-        frame.submit()?;
-        self.traced.photons = larger;
-        Ok(())
-    }
-}
-
-fn photon_buffer(gpu: &Gpu, room: usize) -> Result<Buffer> {
-    Ok(gpu.buffer::<Photon>("penumbra/flux/photons", room)?)
 }
 
 /// Index of the first ray of each light, and the total at the end. The rays are distributed by power; each light that

@@ -35,6 +35,59 @@ impl Photon {
     }
 }
 
+/// Photons on the device, in a buffer that grows with them, up to the largest that the device can bind.
+pub(super) struct PhotonBuffer {
+    /// [`Photon`]s.
+    pub buffer: Buffer,
+    /// Photons in the buffer.
+    pub count: usize,
+    /// Photons for which the buffer has room.
+    pub room: usize,
+    label: &'static str,
+}
+
+impl PhotonBuffer {
+    /// An empty buffer with room for `expected` photons, or as many as the device can bind.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn new(gpu: &Gpu, label: &'static str, expected: usize) -> Result<PhotonBuffer> {
+        let room = expected.clamp(1, max_photons(gpu));
+        Ok(PhotonBuffer { buffer: gpu.buffer::<Photon>(label, room)?, count: 0, room, label })
+    }
+
+    /// Makes room for `needed` photons, those in the buffer included. Returns false if the device can bind no buffer
+    /// for so many.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn reserve(&mut self, gpu: &Gpu, needed: usize) -> Result<bool> {
+        if needed > max_photons(gpu) {
+            return Ok(false);
+        }
+        if needed > self.room {
+            // Twice the room, so that all copies together move fewer photons than the buffer holds in the end.
+            let room = (2 * self.room).max(needed).min(max_photons(gpu));
+            let larger = gpu.buffer::<Photon>(self.label, room)?;
+            let mut frame = gpu.frame("photons");
+            frame.copy(&self.buffer, &larger, 0, photon_bytes(self.count));
+            frame.submit()?;
+            (self.buffer, self.room) = (larger, room);
+        }
+        Ok(true)
+    }
+}
+
+/// Bytes of that many photons.
+pub(super) fn photon_bytes(photons: usize) -> u64 {
+    (photons * size_of::<Photon>()) as u64
+}
+
+/// The photons of the largest buffer that the device can bind.
+fn max_photons(gpu: &Gpu) -> usize {
+    (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize
+}
+
 /// Checks that queries can count `nearest` photons.
 ///
 /// # Errors

@@ -3,7 +3,7 @@
 
 use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
-use super::grid::Photon;
+use super::grid::{Photon, PhotonBuffer, photon_bytes};
 use super::kernel;
 use crate::kernels::{MAX_LIGHTS, PHOTON_COUNT_HEADER, PHOTON_COUNTS_PER_LIGHT};
 use crate::settings::Settings;
@@ -30,7 +30,11 @@ bindings! {
 
 /// Maximum number of rays in a dispatch. It takes some tens of milliseconds on a software device, too short for a
 /// desktop's watchdog to stop it.
-const BATCH_RAYS: u32 = 1 << 16;
+const DISPATCH_RAYS: u32 = 1 << 16;
+
+/// Photons per ray that the first buffer has room for: the illumination photon and one shadow photon, as in a closed
+/// room with few objects.
+const PHOTONS_PER_RAY: usize = 2;
 
 /// The pass; see `shaders/photons.wgsl`.
 pub struct Photons {
@@ -75,9 +79,9 @@ impl Photons {
         Ok(Photons { kernel, shadow_photons_per_ray })
     }
 
-    /// Traces `rays` rays from each of `lights` lights, batch by batch. The buffer grows with the photons, up to the
-    /// largest that the device can bind. Tracing stops when they no longer fit; the numbers of rays of any two lights
-    /// then differ by at most one. The buffer keeps room for `spare` further photons.
+    /// Traces `rays` rays from each of `lights` lights, some in each dispatch. The buffer grows with the photons, up to
+    /// the largest that the device can bind. Tracing stops when they no longer fit; the numbers of rays of any two
+    /// lights then differ by at most one. The buffer keeps room for `spare` further photons.
     ///
     /// # Errors
     /// [`Error::Usage`] for lights and [`Error::Setting`] for rays out of range, else as [`Gpu::check`] and
@@ -98,27 +102,34 @@ impl Photons {
             let problem = format!("is {rays}: all lights together would emit 2^32 photons or more");
             Error::setting("visibility_map.photons_per_light", problem)
         })?;
-        let batch_rays = BATCH_RAYS.min(all_rays.max(1));
-        let batch_photons = (batch_rays * (1 + self.shadow_photons_per_ray)) as usize;
-        let batch = gpu.buffer::<Photon>("penumbra/photons/batch", batch_photons)?;
+        let max_rays = DISPATCH_RAYS.min(all_rays.max(1));
+        let max_photons = (max_rays * (1 + self.shadow_photons_per_ray)) as usize;
+        let traced = gpu.buffer::<Photon>("penumbra/photons/traced", max_photons)?;
         let words = (PHOTON_COUNT_HEADER + PHOTON_COUNTS_PER_LIGHT * lights) as usize;
         let counts = gpu.buffer::<u32>("penumbra/photons/counts", words)?;
-        let own = PhotonBindings { traced_photons: &batch, traced_counts: &counts };
+        let own = PhotonBindings { traced_photons: &traced, traced_counts: &counts };
         let bound = self.kernel.bind(gpu, "photons", &[&own, scene])?;
 
-        let mut photons = PhotonBuffer::new(gpu, 2 * all_rays as usize, spare as usize)?;
+        let spare = spare as usize;
+        let expected = PHOTONS_PER_RAY * all_rays as usize;
+        let mut photons = PhotonBuffer::new(gpu, "penumbra/photons/photons", expected + spare)?;
         let (mut done, mut overruns) = (0, 0);
         let mut stored = vec![[0; 2]; lights as usize];
         while done < all_rays {
-            let ray_count = batch_rays.min(all_rays - done);
+            let ray_count = max_rays.min(all_rays - done);
             let mut frame = gpu.frame("photons");
             frame.clear(&counts);
             frame.run(&bound, ray_count, &PhotonParameters { first_ray: done, ray_count, light_count: lights, seed });
             frame.submit()?;
             let counted: Vec<u32> = gpu.read(&counts, words)?;
-            if !photons.append(gpu, &batch, counted[0] as usize)? {
+            let more = counted[0] as usize;
+            if !photons.reserve(gpu, photons.count + more + spare)? {
                 break;
             }
+            let mut frame = gpu.frame("photons");
+            frame.copy(&traced, &photons.buffer, photon_bytes(photons.count), photon_bytes(more));
+            frame.submit()?;
+            photons.count += more;
             done += ray_count;
             overruns += u64::from(counted[1]);
             let by_light = counted[PHOTON_COUNT_HEADER as usize..].chunks_exact(PHOTON_COUNTS_PER_LIGHT as usize);
@@ -130,51 +141,4 @@ impl Photons {
         let emitted = (0..lights).map(|light| done / lights + u32::from(light < done % lights)).collect();
         Ok(Traced { photons: photons.buffer, count: photons.count as u32, emitted, stored, overruns })
     }
-}
-
-/// The photons so far, in a buffer that grows with them.
-struct PhotonBuffer {
-    buffer: Buffer,
-    /// Photons in the buffer.
-    count: usize,
-    /// Photons for which the buffer has room.
-    room: usize,
-    /// The largest room that the device can bind.
-    limit: usize,
-    /// Room that stays free for photons of the caller.
-    spare: usize,
-}
-
-impl PhotonBuffer {
-    /// An empty buffer with room for `expected` photons.
-    fn new(gpu: &Gpu, expected: usize, spare: usize) -> Result<PhotonBuffer> {
-        let limit = (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize;
-        let room = (expected + spare).min(limit);
-        let buffer = gpu.buffer::<Photon>("penumbra/photons/photons", room)?;
-        Ok(PhotonBuffer { buffer, count: 0, room, limit, spare })
-    }
-
-    /// Appends the first `more` photons of a batch. Returns false, and appends none, if the device has no room for
-    /// them.
-    fn append(&mut self, gpu: &Gpu, batch: &Buffer, more: usize) -> Result<bool> {
-        let needed = self.count + more + self.spare;
-        if needed > self.limit {
-            return Ok(false);
-        }
-        let mut frame = gpu.frame("photons");
-        if needed > self.room {
-            self.room = (2 * self.room).max(needed).min(self.limit);
-            let larger = gpu.buffer::<Photon>("penumbra/photons/photons", self.room)?;
-            frame.copy(&self.buffer, &larger, 0, bytes(self.count));
-            self.buffer = larger;
-        }
-        frame.copy(batch, &self.buffer, bytes(self.count), bytes(more));
-        frame.submit()?;
-        self.count += more;
-        Ok(true)
-    }
-}
-
-fn bytes(photons: usize) -> u64 {
-    (photons * size_of::<Photon>()) as u64
 }

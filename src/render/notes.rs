@@ -46,8 +46,8 @@ pub(super) fn notes(
             count(emitted, "ray", "rays")
         ));
     }
-    if indirect.cut > 0 {
-        let photons = count(indirect.cut, "photon", "photons");
+    if indirect.clipped > 0 {
+        let photons = count(indirect.clipped, "photon", "photons");
         notes.push(format!("the flux of {photons} exceeds what a photon can store: indirect light is too dark"));
     }
     notes

@@ -145,8 +145,8 @@ pub struct Indirect {
     pub emitted: u64,
     /// Photons of the global map.
     pub photons: u64,
-    /// Photons of the global map whose flux was cut to what a photon's word holds.
-    pub cut: u64,
+    /// Photons of the global map whose flux was clipped to what a photon's word holds.
+    pub clipped: u64,
     /// Photons of the caustic maps of all samples.
     pub caustics: u64,
     /// Points where irradiance is precomputed.

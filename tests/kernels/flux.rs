@@ -53,7 +53,7 @@ impl Traced {
     fn with(gpu: &Gpu, stage: &Stage, settings: FluxSettings) -> Traced {
         let pass = Flux::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
         let traced = pass.trace(gpu, &stage.gpu_scene, &stage.gpu_scene.lights, settings).unwrap();
-        assert_eq!(traced.cut, 0);
+        assert_eq!(traced.clipped, 0);
         let photons = gpu.read(&traced.photons, traced.count as usize).unwrap();
         Traced { photons, emitted: traced.emitted, rays: traced.rays, step: traced.step }
     }
@@ -441,8 +441,8 @@ fn batches_do_not_show(gpu: &Gpu) {
     let mut collected = Vec::new();
     for count in [0, 1, 63, 64, 65, 1000, 30_001, rays - 31_194] {
         request.count = count;
-        let (photons, [stored, _, _, cut, not_finite]) = run(gpu, &stage, rays, &request);
-        assert_eq!((cut, not_finite), (0, 0));
+        let (photons, [stored, _, _, clipped, not_finite]) = run(gpu, &stage, rays, &request);
+        assert_eq!((clipped, not_finite), (0, 0));
         let (first, end) = (request.stored as usize, (request.stored + stored) as usize);
         assert!(stored >= count && photons[first..end].iter().flatten().all(|word| *word != POISON));
         let others = photons[..first].iter().chain(&photons[end..]);
