@@ -15,7 +15,7 @@ use crate::Result;
 use crate::gpu_scene::{CameraUniform, GpuScene};
 use crate::passes::Tile;
 use crate::passes::cache::BoundCache;
-use crate::passes::path::{BoundHighlights, BoundPath, HighlightQueue, Path, PathParameters};
+use crate::passes::path::{BoundHighlights, BoundPath, Path, PathParameters, PathQueue};
 use crate::passes::primary::BoundPrimary;
 use crate::settings::Settings;
 use crate::specialisation::features::Feature;
@@ -78,76 +78,72 @@ pub(crate) struct IndirectLight {
     /// Paths: for all light, or for the light that map and cache leave out.
     path: Option<BoundPath>,
     /// Single rays that may hit a light, in place of paths, and their queue.
-    highlights: Option<(BoundHighlights, HighlightQueue)>,
+    highlights: Option<(BoundHighlights, PathQueue)>,
 }
 
 impl IndirectLight {
     /// Traces the flux photons, sorts them into the global map unless there is one, and fills the irradiance cache. A
     /// part without kernels is left out.
     pub fn new(setup: &IndirectSetup<'_>, made: MadeIndirect, totals: &mut Totals) -> Result<IndirectLight> {
-        let (start, times) = (Instant::now(), setup.shared.gpu.pass_times()?);
-        let MadeIndirect { map: made, records } = made;
-        let IndirectSetup { shared, kernels, primary, camera, settings } = *setup;
-        let IndirectKernels { global_map, cache, path, features, .. } = kernels;
-        let Shared { gpu, gpu_scene, tile, .. } = shared;
-        totals.indirect_bytes = made.as_ref().map_or(0, GlobalMap::bytes);
-        let paths = path.is_some();
-        let map = match (global_map, made) {
-            (Some(_), Some(made)) => Some(made),
-            (Some(kernels), None) => Some(GlobalMap::new(&shared, kernels, settings, paths, totals)?),
-            (None, _) => None,
-        };
-        let scene = with_irradiance(gpu_scene, map.as_ref());
-        let cache = match (cache, path) {
-            (Some(kernels), Some(path)) => {
-                let scene = &scene;
-                let filling = Filling { gpu, kernels, path, features, tile, primary, scene, camera, settings };
-                Some(IrradianceCache::new(&filling, records, totals)?)
-            }
-            _ => None,
-        };
-        let (path, highlights) = match path {
-            Some(path) if features.has(Feature::Highlights) => {
-                let queue = HighlightQueue::new(gpu, tile.capacity())?;
-                (None, Some((path.bind_highlights(gpu, tile, &queue, gpu_scene)?, queue)))
-            }
-            Some(path) => (Some(bind_path(path, &shared, &scene, cache.as_ref())?), None),
-            None => (None, None),
-        };
-        gpu.wait("indirect light")?;
-        let cost = IndirectCost::new(start.elapsed().as_secs_f64(), settings.gather_rays(), &times, &gpu.pass_times()?);
-        Ok(IndirectLight { cost, map, cache, path, highlights })
+        let MadeIndirect { map, records } = made;
+        let cost = IndirectCost::default();
+        let mut light = IndirectLight { cost, map, cache: None, path: None, highlights: None };
+        light.begin_stage(setup, records, 0, totals)?;
+        Ok(light)
     }
 
     /// Makes a new global map with other photons. Then adds gather rays that end in it to the irradiance records, until
-    /// each has the number of the settings. Returns the previous irradiance cache, if there is one.
+    /// each has the number of the settings; so far each has `earlier`. Returns the previous irradiance cache, if there
+    /// is one.
     pub fn add_rays(
         &mut self,
         setup: &IndirectSetup<'_>,
         earlier: u32,
         totals: &mut Totals,
     ) -> Result<Option<BoundCache>> {
-        let (start, times) = (Instant::now(), setup.shared.gpu.pass_times()?);
+        // The previous map is released first, so that the device need not hold both.
+        self.map = None;
+        self.begin_stage(setup, None, earlier, totals)
+    }
+
+    /// Makes the parts of a stage, which has the photons and gather rays of the settings: the global map, if there is
+    /// none; the irradiance cache, which begins with `records`, or more rays for it; and the paths that end in both.
+    /// Returns the previous irradiance cache, if there is one.
+    fn begin_stage(
+        &mut self,
+        setup: &IndirectSetup<'_>,
+        records: Option<Records>,
+        earlier: u32,
+        totals: &mut Totals,
+    ) -> Result<Option<BoundCache>> {
         let IndirectSetup { shared, kernels, primary, camera, settings } = *setup;
         let IndirectKernels { global_map, cache, path, features, .. } = kernels;
         let Shared { gpu, gpu_scene, tile, .. } = shared;
-        totals.indirect_bytes = 0;
-        // The previous map is released first, so that the device need not hold both.
-        self.map = None;
-        if let Some(kernels) = global_map {
-            self.map = Some(GlobalMap::new(&shared, kernels, settings, path.is_some(), totals)?);
-        }
-        let scene = with_irradiance(gpu_scene, self.map.as_ref());
-        let before = match (&mut self.cache, cache, path) {
-            (Some(cache), Some(kernels), Some(path)) => {
-                let scene = &scene;
-                let filling = Filling { gpu, kernels, path, features, tile, primary, scene, camera, settings };
-                Some(cache.add_rays(&filling, totals)?)
-            }
-            _ => None,
+        let (start, times) = (Instant::now(), gpu.pass_times()?);
+        totals.indirect_bytes = self.map.as_ref().map_or(0, GlobalMap::bytes);
+        self.map = match (global_map, self.map.take()) {
+            (Some(_), Some(made)) => Some(made),
+            (Some(kernels), None) => Some(GlobalMap::new(&shared, kernels, settings, path.is_some(), totals)?),
+            (None, _) => None,
         };
-        if let (Some(bound), Some(path)) = (&mut self.path, path) {
-            *bound = bind_path(path, &shared, &scene, self.cache.as_ref())?;
+        let scene = with_irradiance(gpu_scene, self.map.as_ref());
+        let mut before = None;
+        if let (Some(kernels), Some(path)) = (cache, path) {
+            let scene = &scene;
+            let filling = Filling { gpu, kernels, path, features, tile, primary, scene, camera, settings };
+            match &mut self.cache {
+                Some(cache) => before = Some(cache.add_rays(&filling, totals)?),
+                None => self.cache = Some(IrradianceCache::new(&filling, records, totals)?),
+            }
+        }
+        if let Some(path) = path {
+            if !features.has(Feature::Highlights) {
+                self.path = Some(bind_path(path, &shared, &scene, self.cache.as_ref())?);
+            } else if self.highlights.is_none() {
+                // These rays end in no map, so they stay bound from stage to stage.
+                let queue = PathQueue::new(gpu, "path", tile.capacity())?;
+                self.highlights = Some((path.bind_highlights(gpu, tile, &queue, gpu_scene)?, queue));
+            }
         }
         gpu.wait("indirect light")?;
         let rays = settings.gather_rays().saturating_sub(earlier);
@@ -211,7 +207,7 @@ impl IndirectLight {
             highlights.record(frame, queue, parameters);
         }
         match (&self.path, &self.cache) {
-            (Some(path), Some(cache)) => path.record_queued(frame, &cache.buffers().path_arguments, parameters),
+            (Some(path), Some(cache)) => path.record_queued(frame, &cache.buffers().paths.arguments, parameters),
             (Some(path), None) => path.record(frame, parameters),
             (None, _) => {}
         }
@@ -219,7 +215,7 @@ impl IndirectLight {
 
     /// Bytes of the buffers of the frame.
     pub fn frame_bytes(&self) -> u64 {
-        let queue = self.highlights.as_ref().map_or(0, |(_, queue)| queue.path_points.bytes);
+        let queue = self.highlights.as_ref().map_or(0, |(_, queue)| queue.points.bytes);
         self.cache.as_ref().map_or(0, IrradianceCache::frame_bytes) + queue
     }
 }

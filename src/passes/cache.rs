@@ -6,7 +6,7 @@ use kernel_kit::{
 };
 
 use super::gather::RecordHead;
-use super::path::{GatherHit, HitBindings, PathQueueBindings};
+use super::path::{GatherHit, HitBindings, PathQueue};
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
 use crate::specialisation::features::Features;
@@ -178,12 +178,8 @@ pub struct Cache(Kernel);
 pub struct CacheBuffers {
     wanted_count: Buffer,
     wanted_points: Buffer,
-    /// Number of points for path tracing: those that no record covers, and those that are not Lambertian.
-    pub path_count: Buffer,
-    /// Their indices.
-    pub path_points: Buffer,
-    /// Arguments of a dispatch over them.
-    pub path_arguments: Buffer,
+    /// The points for path tracing: those that no record covers, and those that are not Lambertian.
+    pub paths: PathQueue,
     /// Room for a hit of a gather ray, which the queued points are not.
     no_hits: Buffer,
 }
@@ -198,24 +194,21 @@ impl CacheBuffers {
         Ok(CacheBuffers {
             wanted_count: words("penumbra/cache/wanted_count", 1)?,
             wanted_points: words("penumbra/cache/wanted_points", points)?,
-            path_count: words("penumbra/cache/path_count", 1)?,
-            path_points: words("penumbra/cache/path_points", points)?,
-            path_arguments: words("penumbra/cache/path_arguments", 3)?,
+            paths: PathQueue::new(gpu, "cache", points)?,
             no_hits: gpu.buffer::<GatherHit>("penumbra/cache/no_hits", 1)?,
         })
     }
 
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
-        self.wanted_points.bytes + self.path_points.bytes
+        self.wanted_points.bytes + self.paths.points.bytes
     }
 }
 
 impl Bindings for CacheBuffers {
     /// The queue for path tracing.
     fn get(&self, name: &str) -> Option<Binding<'_>> {
-        let queue = PathQueueBindings { path_count: &self.path_count, path_points: &self.path_points };
-        queue.find(name).or_else(|| HitBindings { gather_hits: &self.no_hits }.find(name))
+        self.paths.bindings().find(name).or_else(|| HitBindings { gather_hits: &self.no_hits }.find(name))
     }
 }
 
@@ -244,9 +237,9 @@ impl Cache {
             wanted_count: &buffers.wanted_count,
             wanted_points: &buffers.wanted_points,
             radiance_indirect: tile.required_indirect("cache")?,
-            path_count: &buffers.path_count,
-            path_points: &buffers.path_points,
-            path_arguments: &buffers.path_arguments,
+            path_count: &buffers.paths.count,
+            path_points: &buffers.paths.points,
+            path_arguments: &buffers.paths.arguments,
         };
         let records_bound = records.bindings();
         let sets: Vec<&dyn Bindings> =
@@ -285,7 +278,7 @@ impl BoundCache {
 
     /// Interpolates the light at the tile's points from the records, and lists the points left to path tracing.
     pub fn record_interpolate(&self, frame: &mut Frame<'_>, buffers: &CacheBuffers, tile: &Tile) {
-        frame.clear(&buffers.path_count);
+        frame.clear(&buffers.paths.count);
         frame.run(&self.interpolate, tile.point_count, &self.parameters(tile));
         frame.run(&self.arrange_paths, 1, &self.parameters(tile));
     }

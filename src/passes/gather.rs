@@ -7,7 +7,7 @@ use kernel_kit::{
     Binding, Bindings, BoundKernel, Buffer, Gpu, Kernel, KernelTable, TableFormat, bindings, shared_struct, whole_rows,
 };
 
-use super::path::{BoundPath, GatherHit, HitBindings, Path, PathParameters, PathQueueBindings};
+use super::path::{BoundPath, GatherHit, HitBindings, Path, PathParameters, PathQueue};
 use super::{Point, Tile, TileBuffers, VisiblePointBindings, kernel};
 use crate::Result;
 use crate::gpu_scene::sobol;
@@ -80,7 +80,7 @@ const _: () = assert!(RECORD_HEAD_TEXELS as usize * size_of::<[f32; 4]>() == siz
 
 /// Maximum number of rays in a dispatch, unless a record has more: some 15 MiB for rays that hit Lambertian surfaces,
 /// more for glossy ones, and too short for a desktop's watchdog to stop it.
-const BATCH_RAYS: u32 = 1 << 17;
+const DISPATCH_RAYS: u32 = 1 << 17;
 
 /// The pass; see `shaders/gather.wgsl`.
 pub struct Gather(Kernel);
@@ -216,11 +216,9 @@ pub struct BoundGather {
 pub struct RayBuffers {
     /// For each ray its radiance, and the distance of its hit.
     gathered: Buffer,
-    /// The rays that paths continue: how many, the arguments of a dispatch over them, and their indices.
-    path_count: Buffer,
-    path_arguments: Buffer,
-    path_points: Buffer,
-    /// The hits of the rays that paths continue, by index of the ray.
+    /// The rays that paths continue.
+    paths: PathQueue,
+    /// Their hits, by index of the ray.
     points: KernelTable,
     surfaces: KernelTable,
     hits: Buffer,
@@ -234,8 +232,7 @@ impl Bindings for RayBuffers {
     /// The hits, as pass `path` reads them.
     fn get(&self, name: &str) -> Option<Binding<'_>> {
         let points = VisiblePointBindings { point_table: &self.points.table, surface_table: &self.surfaces.table };
-        let queue = PathQueueBindings { path_count: &self.path_count, path_points: &self.path_points };
-        let found = points.find(name).or_else(|| queue.find(name));
+        let found = points.find(name).or_else(|| self.paths.bindings().find(name));
         found.or_else(|| HitBindings { gather_hits: &self.hits }.find(name))
     }
 }
@@ -255,9 +252,7 @@ impl RayBuffers {
         let surfaces = gpu.buffer::<[f32; 4]>("penumbra/gather/hit_surfaces", rays * vectors)?;
         Ok(RayBuffers {
             gathered: gpu.buffer::<[f32; 4]>("penumbra/gather/gathered", rays)?,
-            path_count: gpu.buffer::<u32>("penumbra/gather/path_count", 1)?,
-            path_arguments: gpu.buffer::<u32>("penumbra/gather/path_arguments", 3)?,
-            path_points: gpu.buffer::<u32>("penumbra/gather/path_points", rays)?,
+            paths: PathQueue::new(gpu, "gather", room)?,
             points: gpu.table_of(points, TableFormat::Uint)?,
             surfaces: gpu.table_of(surfaces, TableFormat::Uint)?,
             hits: gpu.buffer::<GatherHit>("penumbra/gather/gather_hits", rays)?,
@@ -266,25 +261,25 @@ impl RayBuffers {
         })
     }
 
-    /// Makes room for a wave of `rays` rays of each of `records` records, or for [`BATCH_RAYS`] where those are fewer,
-    /// and in any case for one record. Returns whether the buffers are others now.
+    /// Makes room for a wave of `rays` rays of each of `records` records, or for the maximum of a dispatch if that is
+    /// less, and in any case for one record. Returns whether the buffers are others now.
     ///
     /// # Errors
     /// As [`Gpu::buffer`].
     pub fn grow(&mut self, gpu: &Gpu, records: u32, rays: u32) -> Result<bool> {
-        let most = BATCH_RAYS.max(rays);
-        let needed = records.max(1).saturating_mul(rays).min(most);
+        let max = DISPATCH_RAYS.max(rays);
+        let needed = records.max(1).saturating_mul(rays).min(max);
         if needed <= self.room {
             return Ok(false);
         }
-        *self = RayBuffers::of(gpu, self.surface_vectors, needed.max(2 * self.room).min(most))?;
+        *self = RayBuffers::of(gpu, self.surface_vectors, needed.max(2 * self.room).min(max))?;
         Ok(true)
     }
 
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
-        let RayBuffers { gathered, path_points, hits, points, surfaces, .. } = self;
-        let buffers = [gathered, path_points, hits].map(|buffer| buffer.bytes);
+        let RayBuffers { gathered, paths, hits, points, surfaces, .. } = self;
+        let buffers = [gathered, &paths.points, hits].map(|buffer| buffer.bytes);
         buffers.iter().sum::<u64>() + points.buffer.bytes + surfaces.buffer.bytes
     }
 }
@@ -318,9 +313,9 @@ impl Gather {
             wanted: &records.wanted,
             wave_points: &gpu.upload("penumbra/gather/wave_points", &wave.points())?,
             gathered: &rays.gathered,
-            path_count: &rays.path_count,
-            path_arguments: &rays.path_arguments,
-            path_points: &rays.path_points,
+            path_count: &rays.paths.count,
+            path_arguments: &rays.paths.arguments,
+            path_points: &rays.paths.points,
             hit_points: &rays.points.buffer,
             hit_surfaces: &rays.surfaces.buffer,
             gather_hits: &rays.hits,
@@ -402,7 +397,7 @@ impl BoundGather {
     /// # Errors
     /// As [`Gpu::check`].
     pub fn gather(&self, gpu: &Gpu, records: Range<u32>, settings: GatherSettings) -> Result<Vec<RecordHead>> {
-        let batch = (self.rays.room / self.wave.rays).max(1);
+        let records_at_once = (self.rays.room / self.wave.rays).max(1);
         let paths = PathParameters {
             max_bounces: settings.max_bounces,
             // Nothing but paths lights the hits, and records are means of all rays, however bright.
@@ -411,17 +406,17 @@ impl BoundGather {
             from_hits: 1,
             tile: Tile::default(),
         };
-        for first in records.clone().step_by(batch as usize) {
-            let part = first..(first + batch).min(records.end);
-            let parameters = self.parameters(&part, settings);
+        for first in records.clone().step_by(records_at_once as usize) {
+            let some = first..(first + records_at_once).min(records.end);
+            let parameters = self.parameters(&some, settings);
             let rays = parameters.count * self.wave.rays;
             let mut frame = gpu.frame("gather");
-            frame.clear(&self.rays.path_count);
+            frame.clear(&self.rays.paths.count);
             frame.run(&self.gather, rays, &parameters);
             frame.run(&self.arrange_paths, 1, &parameters);
             frame.publish(&self.rays.points, rays);
             frame.publish(&self.rays.surfaces, rays * self.rays.surface_vectors);
-            self.path.record_queued(&mut frame, &self.rays.path_arguments, &paths);
+            self.path.record_queued(&mut frame, &self.rays.paths.arguments, &paths);
             frame.run(&self.record, parameters.count, &parameters);
             frame.submit()?;
         }

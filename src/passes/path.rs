@@ -46,7 +46,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// A queue of points from which paths continue.
+    /// A [`PathQueue`], as the kernel reads it.
     pub struct PathQueueBindings {
         /// Number of queued points.
         pub path_count: &Buffer,
@@ -70,28 +70,34 @@ bindings! {
     }
 }
 
-/// The queue of the points with rays that may hit a light.
-pub struct HighlightQueue {
+/// A queue of points from which paths continue.
+#[derive(Clone)]
+pub struct PathQueue {
     /// Number of queued points.
-    pub path_count: Buffer,
+    pub count: Buffer,
     /// Their indices.
-    pub path_points: Buffer,
+    pub points: Buffer,
     /// Arguments of a dispatch over them.
-    pub path_arguments: Buffer,
+    pub arguments: Buffer,
 }
 
-impl HighlightQueue {
-    /// A queue with room for `points` points.
+impl PathQueue {
+    /// A queue with room for `points` points, which the pass `pass` fills.
     ///
     /// # Errors
     /// As [`Gpu::buffer`].
-    pub fn new(gpu: &Gpu, points: u32) -> Result<HighlightQueue> {
-        let words = |name: &str, count: u32| gpu.buffer::<u32>(name, count as usize);
-        Ok(HighlightQueue {
-            path_count: words("penumbra/path/path_count", 1)?,
-            path_points: words("penumbra/path/path_points", points)?,
-            path_arguments: words("penumbra/path/path_arguments", 3)?,
+    pub fn new(gpu: &Gpu, pass: &str, points: u32) -> Result<PathQueue> {
+        let words = |name: &str, count: u32| gpu.buffer::<u32>(&format!("penumbra/{pass}/{name}"), count as usize);
+        Ok(PathQueue {
+            count: words("path_count", 1)?,
+            points: words("path_points", points)?,
+            arguments: words("path_arguments", 3)?,
         })
+    }
+
+    /// The queue, as the kernel reads it.
+    pub fn bindings(&self) -> PathQueueBindings<'_> {
+        PathQueueBindings { path_count: &self.count, path_points: &self.points }
     }
 }
 
@@ -145,7 +151,7 @@ impl Path {
         Ok(BoundPath(bound))
     }
 
-    /// As [`Path::bind`], with [`Feature::Highlights`].
+    /// As [`Path::bind`], with [`Feature::Highlights`]: `queue` gets the points with rays that may hit a light.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -153,13 +159,12 @@ impl Path {
         &self,
         gpu: &Gpu,
         tile: &TileBuffers,
-        queue: &HighlightQueue,
+        queue: &PathQueue,
         scene: &dyn Bindings,
     ) -> Result<BoundHighlights> {
         let own = PathBindings::of(tile)?;
-        let HighlightQueue { path_count, path_points, path_arguments } = queue;
-        let queued = PathQueueBindings { path_count, path_points };
-        let arguments = ArgumentBindings { path_arguments };
+        let queued = queue.bindings();
+        let arguments = ArgumentBindings { path_arguments: &queue.arguments };
         let bind = |entry| self.0.bind(gpu, entry, &[&own, tile, &queued, &arguments, scene]);
         Ok(BoundHighlights {
             queue_highlights: bind("queue_highlights")?,
@@ -188,11 +193,11 @@ pub struct BoundHighlights {
 
 impl BoundHighlights {
     /// Queues the points of the tile with rays that may hit a light, and traces the rays.
-    pub fn record(&self, frame: &mut Frame<'_>, queue: &HighlightQueue, parameters: &PathParameters) {
-        frame.clear(&queue.path_count);
+    pub fn record(&self, frame: &mut Frame<'_>, queue: &PathQueue, parameters: &PathParameters) {
+        frame.clear(&queue.count);
         frame.run(&self.queue_highlights, parameters.tile.point_count, parameters);
         frame.run(&self.arrange_highlights, 1, parameters);
-        self.path.record_queued(frame, &queue.path_arguments, parameters);
+        self.path.record_queued(frame, &queue.arguments, parameters);
     }
 }
 

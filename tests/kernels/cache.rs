@@ -175,8 +175,8 @@ impl Setup {
         tile.surfaces = published(gpu, "test/surfaces", &surfaces);
         tile.radiance_indirect = Some(gpu.poisoned::<[f32; 4]>("test/radiance", count + 3).unwrap());
         let mut buffers = CacheBuffers::new(gpu, self.tile.point_count).unwrap();
-        buffers.path_points = gpu.poisoned::<u32>("test/path_points", count + 3).unwrap();
-        buffers.path_arguments = gpu.poisoned::<u32>("test/arguments", 4).unwrap();
+        buffers.paths.points = gpu.poisoned::<u32>("test/path_points", count + 3).unwrap();
+        buffers.paths.arguments = gpu.poisoned::<u32>("test/arguments", 4).unwrap();
         let pass = Cache::new(gpu, features, &[]).unwrap();
         let backward = VIEW.normalize().as_vec3().to_array();
         let camera = CameraUniform { orthographic: 1, backward, ..CameraUniform::zeroed() };
@@ -195,12 +195,12 @@ impl Setup {
         let mut radiance: Vec<[f32; 4]> = gpu.read(tile.radiance_indirect.as_ref().unwrap(), count + 3).unwrap();
         let beyond = radiance.split_off(count);
         assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind the points");
-        let queued = gpu.read::<u32>(&buffers.path_count, 1).unwrap()[0];
-        let mut path_points: Vec<u32> = gpu.read(&buffers.path_points, count + 3).unwrap();
+        let queued = gpu.read::<u32>(&buffers.paths.count, 1).unwrap()[0];
+        let mut path_points: Vec<u32> = gpu.read(&buffers.paths.points, count + 3).unwrap();
         let beyond = path_points.split_off(queued as usize);
         assert!(beyond.iter().all(|word| *word == POISON), "queued behind {queued}");
         path_points.sort_unstable();
-        let [x, y, z, beyond]: [u32; 4] = gpu.read::<[u32; 4]>(&buffers.path_arguments, 1).unwrap()[0];
+        let [x, y, z, beyond]: [u32; 4] = gpu.read::<[u32; 4]>(&buffers.paths.arguments, 1).unwrap()[0];
         let groups = queued.div_ceil(PATH_GROUP);
         assert!(x * y >= groups && x * y < groups + x.max(1) && (z, beyond) == (1, POISON), "{x} {y} {z} of {groups}");
         Outcome { wanted: wanted(gpu, &buffers).unwrap(), path_points, radiance }

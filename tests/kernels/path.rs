@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::gpu_scene::GpuScene;
-use penumbra::internal::passes::path::{HighlightQueue, Path, PathParameters};
+use penumbra::internal::passes::path::{Path, PathParameters, PathQueue};
 use penumbra::internal::passes::primary::Primary;
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::render::film::Image;
@@ -339,9 +339,9 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
         ..Tile::default()
     };
     let count = tile.point_count as usize;
-    let queue = HighlightQueue {
-        path_points: gpu.poisoned::<u32>("test/path_points", count + 1).unwrap(),
-        ..HighlightQueue::new(gpu, tile.point_count).unwrap()
+    let queue = PathQueue {
+        points: gpu.poisoned::<u32>("test/path_points", count + 1).unwrap(),
+        ..PathQueue::new(gpu, "test", tile.point_count).unwrap()
     };
     // Points, direct light and the number of rays.
     let trace = |highlights: bool| -> (Vec<Point>, Vec<[u32; 4]>, u32) {
@@ -373,8 +373,8 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
     let (_, of_queued, rays) = trace(true);
     let differing = of_all.iter().zip(&of_queued).filter(|(a, b)| a[..3] != b[..3]).count();
     assert_eq!(differing, 0, "points that were not queued miss light");
-    let length = gpu.read::<u32>(&queue.path_count, 1).unwrap()[0] as usize;
-    let mut queued: Vec<u32> = gpu.read(&queue.path_points, count + 1).unwrap();
+    let length = gpu.read::<u32>(&queue.count, 1).unwrap()[0] as usize;
+    let mut queued: Vec<u32> = gpu.read(&queue.points, count + 1).unwrap();
     assert!(queued.split_off(length).iter().all(|word| *word == kernel_kit::POISON), "past the queue");
     queued.sort_unstable();
     assert!(rays as usize <= length && 2 * rays < all_rays, "{rays} rays, not {all_rays}");
