@@ -13,7 +13,7 @@ use super::shared::Shared;
 use crate::Result;
 use crate::kernels::GridShape;
 use crate::passes::Tile;
-use crate::passes::cells::{BATCH_RAYS, BoundCells, CellGrid, CellPoint, CellTable, Cells};
+use crate::passes::cells::{BoundCells, CellGrid, CellPoint, CellTable, Cells, DISPATCH_RAYS};
 use crate::passes::classify::Chunk;
 use crate::random::Random;
 use crate::scene::Scene;
@@ -79,12 +79,13 @@ impl Surfaces {
         Surfaces(parts)
     }
 
-    /// `rays` points in each cell that has some surface, stratified by area, cell by cell, in batches of whole cells.
+    /// `rays` points in each cell that has some surface, stratified by area, cell by cell. Each list has the
+    /// points of whole cells, for a dispatch.
     fn points(&self, rays: u32, seed: u32) -> impl Iterator<Item = Vec<CellPoint>> {
         let cells: Vec<&[CellTriangle]> = self.0.chunk_by(|a, b| a.cell == b.cell).collect();
-        let of_batch = (BATCH_RAYS / rays) as usize;
-        let batches: Vec<Vec<&[CellTriangle]>> = cells.chunks(of_batch).map(<[_]>::to_vec).collect();
-        batches
+        let of_dispatch = (DISPATCH_RAYS / rays) as usize;
+        let lists: Vec<Vec<&[CellTriangle]>> = cells.chunks(of_dispatch).map(<[_]>::to_vec).collect();
+        lists
             .into_iter()
             .map(move |cells| cells.into_par_iter().flat_map_iter(|parts| points_of_cell(parts, rays, seed)).collect())
     }

@@ -62,7 +62,7 @@ bindings! {
 
 /// Maximum number of rays in a dispatch. It takes some tenths of a second on a software device, too short for a
 /// desktop's watchdog to stop it.
-pub const BATCH_RAYS: u32 = 1 << 18;
+pub const DISPATCH_RAYS: u32 = 1 << 18;
 
 /// The pass; see `shaders/cells.wgsl`.
 pub struct Cells(Kernel);
@@ -101,8 +101,8 @@ impl Cells {
         Ok(Cells(kernel(gpu, "cells", features, constants, &names)?))
     }
 
-    /// Traces a ray from each of the points to each light, and classifies the cells. The points come in batches of at
-    /// most [`BATCH_RAYS`], sorted by cell, with [`CellGrid::rays`] points per cell.
+    /// Traces a ray from each of the points to each light, and classifies the cells. The points come in lists of at
+    /// most [`DISPATCH_RAYS`], sorted by cell, with [`CellGrid::rays`] points per cell.
     ///
     /// # Errors
     /// [`Error::Computation`] where a traversal exceeded the loop budget, else as [`Kernel::bind`] and [`Gpu::check`].

@@ -3,7 +3,7 @@
 
 use std::time::Instant;
 
-use super::blocks::{Batch, Blocks};
+use super::blocks::{Blocks, EqualBlocks};
 use super::denoise::Denoiser;
 use super::renderer::Renderer;
 use super::tiles::TileFilm;
@@ -39,8 +39,8 @@ struct NextSamples {
     layers: u32,
     /// The share of the pixels that get samples.
     share: f64,
-    /// The pixels that get samples, if not all get as many.
-    batches: Vec<Batch>,
+    /// The blocks that get samples, if not all pixels get as many.
+    blocks: Vec<EqualBlocks>,
 }
 
 impl Renderer<'_> {
@@ -74,7 +74,7 @@ impl Renderer<'_> {
         }
         self.allocate_samples()?;
         let begun = Instant::now();
-        let NextSamples { first_sample, layers, share, batches } = self.next_samples(limit);
+        let NextSamples { first_sample, layers, share, blocks } = self.next_samples(limit);
         if self.sampling.batches > 0 && self.piece_sums.is_none() {
             self.repair_map()?;
         }
@@ -92,16 +92,16 @@ impl Renderer<'_> {
             if self.sampling.blocks.is_none() {
                 points += self.render_tile(tile, first_sample, layers, None)?;
             }
-            for batch in &batches {
-                points += self.render_tile(tile, batch.first_sample, batch.missing, Some(batch))?;
+            for equal in &blocks {
+                points += self.render_tile(tile, equal.first_sample, equal.samples, Some(equal))?;
             }
         }
         if let Some(sums) = &mut self.piece_sums {
             sums.end();
         }
         self.sampling.samples = self.sampling.samples.max(first_sample + layers - self.settings.image.range().first);
-        if let Some(blocks) = &mut self.sampling.blocks {
-            blocks.add(&batches);
+        if let Some(all) = &mut self.sampling.blocks {
+            all.add(&blocks);
         }
         self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, points);
         self.totals.add_audits(&decided);
@@ -121,19 +121,19 @@ impl Renderer<'_> {
 
     /// The samples of the next batch, at most `limit` per pixel.
     fn next_samples(&self, limit: u32) -> NextSamples {
-        let batch = self.blocks_of_batch();
-        let first_sample = self.first_sample(batch.as_ref());
-        let layers = self.layers_of_batch(limit, first_sample, batch.as_ref());
-        let share = self.share_of_pixels(batch.as_ref());
-        let batches = match (&self.sampling.blocks, batch) {
-            (Some(_), Some(mut batch)) => {
-                batch.missing = layers;
-                vec![batch]
+        let equal = self.blocks_of_batch();
+        let first_sample = self.first_sample(equal.as_ref());
+        let layers = self.layers_of_batch(limit, first_sample, equal.as_ref());
+        let share = self.share_of_pixels(equal.as_ref());
+        let blocks = match (&self.sampling.blocks, equal) {
+            (Some(_), Some(mut equal)) => {
+                equal.samples = layers;
+                vec![equal]
             }
-            (Some(blocks), None) => blocks.part(layers, first_sample),
+            (Some(all), None) => all.to_raise_mean(layers, first_sample),
             (None, _) => Vec::new(),
         };
-        NextSamples { first_sample, layers, share, batches }
+        NextSamples { first_sample, layers, share, blocks }
     }
 
     fn progress(&self) -> Progress {
@@ -145,14 +145,15 @@ impl Renderer<'_> {
         }
     }
 
-    /// The next batch of blocks that must reach a small error; `None` in adaptive sampling with a fixed budget.
-    fn blocks_of_batch(&self) -> Option<Batch> {
-        self.sampling.blocks.as_ref().filter(|_| self.settings.image.noise.is_some()).and_then(Blocks::batch)
+    /// The blocks of the next batch, where blocks must reach a small error; `None` in adaptive sampling with a fixed
+    /// budget.
+    fn blocks_of_batch(&self) -> Option<EqualBlocks> {
+        self.sampling.blocks.as_ref().filter(|_| self.settings.image.noise.is_some()).and_then(Blocks::next_equal)
     }
 
-    /// The share of the pixels that are in the batch; without one all are.
-    fn share_of_pixels(&self, batch: Option<&Batch>) -> f64 {
-        self.sampling.blocks.as_ref().zip(batch).map_or(1.0, |(blocks, batch)| blocks.share_of(batch))
+    /// The share of the pixels that are in the batch's blocks; without blocks all are.
+    fn share_of_pixels(&self, blocks: Option<&EqualBlocks>) -> f64 {
+        self.sampling.blocks.as_ref().zip(blocks).map_or(1.0, |(all, blocks)| all.share_of(blocks))
     }
 
     /// Expected seconds of one sample of each pixel of the next batch; `None` before the first batch.
@@ -162,20 +163,20 @@ impl Renderer<'_> {
     }
 
     /// The first sample of the next batch.
-    fn first_sample(&self, batch: Option<&Batch>) -> u32 {
-        batch.map_or(self.settings.image.range().first + self.sampling.samples, |batch| batch.first_sample)
+    fn first_sample(&self, blocks: Option<&EqualBlocks>) -> u32 {
+        blocks.map_or(self.settings.image.range().first + self.sampling.samples, |blocks| blocks.first_sample)
     }
 
     /// Samples per pixel of the next batch, if no limit makes them fewer.
     pub(super) fn next_layers(&self) -> u32 {
-        let batch = self.blocks_of_batch();
-        self.layers_of_batch(u32::MAX, self.first_sample(batch.as_ref()), batch.as_ref())
+        let blocks = self.blocks_of_batch();
+        self.layers_of_batch(u32::MAX, self.first_sample(blocks.as_ref()), blocks.as_ref())
     }
 
     /// Samples per pixel of the next batch, of pixels that have `samples`.
-    fn layers_of_batch(&self, limit: u32, samples: u32, batch: Option<&Batch>) -> u32 {
+    fn layers_of_batch(&self, limit: u32, samples: u32, blocks: Option<&EqualBlocks>) -> u32 {
         let to_spp = self.settings.image.range().end.saturating_sub(samples);
-        let missing = batch.map_or(to_spp, |batch| batch.missing);
+        let missing = blocks.map_or(to_spp, |blocks| blocks.samples);
         let mut layers = self.view.tile_size.layers.min(limit.max(1));
         if missing > 0 {
             layers = layers.min(missing);
@@ -218,16 +219,22 @@ impl Renderer<'_> {
         self.view.lighting.repair_map(&Shared { gpu, scene, gpu_scene, tile }, due, &mut self.totals)
     }
 
-    /// Runs the technique's second pass for `count` samples of each pixel of a tile, or of those in the batch, as many
+    /// Runs the technique's second pass for `count` samples of each pixel of a tile, or of those in `blocks`, as many
     /// at a time as fit. Returns the number of points.
-    fn render_tile(&mut self, index: usize, first_sample: u32, count: u32, batch: Option<&Batch>) -> Result<u64> {
+    fn render_tile(
+        &mut self,
+        index: usize,
+        first_sample: u32,
+        count: u32,
+        blocks: Option<&EqualBlocks>,
+    ) -> Result<u64> {
         let film = &self.view.tiles[index];
-        let (_, pixel_count) = self.list_pixels(film, batch);
+        let (_, pixel_count) = self.list_pixels(film, blocks);
         let (mut points, mut sample) = (0, first_sample);
         while pixel_count > 0 && sample < first_sample + count {
             let fit = (self.view.tile_size.points / pixel_count).max(1).min(first_sample + count - sample);
             // The film takes snapshots at powers of two.
-            let layers = if batch.is_some() { fit.min(to_power_of_two(sample)) } else { fit };
+            let layers = if blocks.is_some() { fit.min(to_power_of_two(sample)) } else { fit };
             points += self.render_layers(index, pixel_count, sample, layers)?;
             sample += layers;
         }
@@ -269,16 +276,16 @@ impl Renderer<'_> {
         Ok(u64::from(tile.point_count))
     }
 
-    /// Lists the pixels of a tile that get samples in the batch for the kernels, if not all do. Returns the list, and
-    /// how many pixels get samples.
-    pub(super) fn list_pixels(&self, film: &TileFilm, batch: Option<&Batch>) -> (Option<Vec<u32>>, u32) {
+    /// Lists the pixels of `blocks` in a tile for the kernels, if not all pixels get samples. Returns the list, and how
+    /// many pixels get samples.
+    pub(super) fn list_pixels(&self, film: &TileFilm, blocks: Option<&EqualBlocks>) -> (Option<Vec<u32>>, u32) {
         let width = self.settings.image.part().width;
-        let (Some(blocks), Some(batch), Some(sampled)) =
-            (&self.sampling.blocks, batch, &self.view.buffers.sampled_pixels)
+        let (Some(all), Some(blocks), Some(sampled)) =
+            (&self.sampling.blocks, blocks, &self.view.buffers.sampled_pixels)
         else {
             return (None, film.rows().len() as u32 * width);
         };
-        let pixels = batch.pixels(blocks, film.rows(), width);
+        let pixels = blocks.pixels(all, film.rows(), width);
         sampled.set(self.gpu, &pixels, film.rows().len() * width as usize);
         let count = pixels.len() as u32;
         (Some(pixels), count)

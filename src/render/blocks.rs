@@ -66,13 +66,13 @@ struct Next {
     target: u32,
 }
 
-/// Blocks that get samples of the same numbers.
-pub(super) struct Batch {
+/// Blocks whose pixels have equal numbers of samples, and get equally many more.
+pub(super) struct EqualBlocks {
     blocks: Vec<u32>,
-    /// Samples of their pixels so far.
+    /// Samples of each of their pixels so far.
     pub first_sample: u32,
-    /// Samples that they are to get before the next estimate.
-    pub missing: u32,
+    /// Samples that each of their pixels gets.
+    pub samples: u32,
 }
 
 /// Estimated errors of pixels.
@@ -107,9 +107,9 @@ impl Blocks {
     fn in_order(&self) -> impl Iterator<Item = u32> + use<> {
         let (columns, rows) = (self.columns, self.samples.len() as u32 / self.columns);
         let near = SIDE / self.side;
-        let parts = move |end: u32| (0..end).step_by(near as usize).map(move |i| i..(i + near).min(end));
-        parts(rows).flat_map(move |ys| {
-            parts(columns).flat_map(move |xs| ys.clone().flat_map(move |y| xs.clone().map(move |x| y * columns + x)))
+        let spans = move |end: u32| (0..end).step_by(near as usize).map(move |i| i..(i + near).min(end));
+        spans(rows).flat_map(move |ys| {
+            spans(columns).flat_map(move |xs| ys.clone().flat_map(move |y| xs.clone().map(move |x| y * columns + x)))
         })
     }
 
@@ -121,39 +121,43 @@ impl Blocks {
         is_size && self.next.iter().all(is_block)
     }
 
-    /// The next blocks whose pixels have the same number of samples now and will have the same number then; `None` if
-    /// the next estimate is due.
-    pub fn batch(&self) -> Option<Batch> {
+    /// The next blocks whose pixels have the same number of samples now and will have the same number before the next
+    /// estimate; `None` if that is due.
+    pub fn next_equal(&self) -> Option<EqualBlocks> {
         let first = self.next.first()?;
         let numbers = |next: &Next| (self.samples[next.block as usize], next.target);
         let (first_sample, target) = numbers(first);
         let same = self.next.iter().take_while(|next| numbers(next) == (first_sample, target));
-        Some(Batch { blocks: same.map(|next| next.block).collect(), first_sample, missing: target - first_sample })
+        let blocks = same.map(|next| next.block).collect();
+        Some(EqualBlocks { blocks, first_sample, samples: target - first_sample })
     }
 
-    /// The part of the decided samples that raises the mean of all pixels from `mean` by `layers`. No batch extends
-    /// beyond a power of two, so that blocks with few samples join those with more. Batches must be rendered in order.
-    pub fn part(&self, layers: u32, mean: u32) -> Vec<Batch> {
+    /// Those of the decided samples that raise the mean of all pixels from `mean` by `layers`, in the order in which
+    /// they must be rendered. None extend beyond a power of two, so that blocks with few samples join those with more.
+    pub fn to_raise_mean(&self, layers: u32, mean: u32) -> Vec<EqualBlocks> {
         // Decisions are made at powers of two from 2 on.
         let all = (mean + 1).next_power_of_two().max(2) - mean;
-        let mut batches = BTreeMap::<(u32, u32), Vec<u32>>::new();
+        let mut equal = BTreeMap::<(u32, u32), Vec<u32>>::new();
         for Next { block, target } in &self.next {
             let mut first = self.samples[*block as usize];
             let missing = u64::from(target - first) * u64::from(layers);
             let end = first + ((missing + u64::from(all) / 2) / u64::from(all)) as u32;
             while first < end {
                 let next = (first + 1).next_power_of_two().min(end);
-                batches.entry((first, next - first)).or_default().push(*block);
+                equal.entry((first, next - first)).or_default().push(*block);
                 first = next;
             }
         }
-        batches.into_iter().map(|((first_sample, missing), blocks)| Batch { blocks, first_sample, missing }).collect()
+        equal
+            .into_iter()
+            .map(|((first_sample, samples), blocks)| EqualBlocks { blocks, first_sample, samples })
+            .collect()
     }
 
-    /// Counts the samples of these batches as rendered.
-    pub fn add(&mut self, batches: &[Batch]) {
-        for Batch { blocks, missing, .. } in batches {
-            blocks.iter().for_each(|block| self.samples[*block as usize] += missing);
+    /// Counts these samples as rendered.
+    pub fn add(&mut self, rendered: &[EqualBlocks]) {
+        for EqualBlocks { blocks, samples, .. } in rendered {
+            blocks.iter().for_each(|block| self.samples[*block as usize] += samples);
         }
         let Blocks { samples, next, .. } = self;
         next.retain(|next| samples[next.block as usize] < next.target);
@@ -231,13 +235,13 @@ impl Blocks {
         self.next = wanted.into_iter().map(|block| self.doubled(block, spp)).collect();
     }
 
-    /// All blocks, in a batch for each number of samples.
-    pub fn by_samples(&self) -> impl Iterator<Item = Batch> + use<> {
-        let mut batches = BTreeMap::<u32, Vec<u32>>::new();
+    /// All blocks, by their numbers of samples.
+    pub fn by_samples(&self) -> impl Iterator<Item = EqualBlocks> + use<> {
+        let mut equal = BTreeMap::<u32, Vec<u32>>::new();
         for (block, samples) in (0..).zip(&self.samples) {
-            batches.entry(*samples).or_default().push(block);
+            equal.entry(*samples).or_default().push(block);
         }
-        batches.into_iter().map(|(first_sample, blocks)| Batch { blocks, first_sample, missing: 0 })
+        equal.into_iter().map(|(first_sample, blocks)| EqualBlocks { blocks, first_sample, samples: 0 })
     }
 
     /// The number of blocks whose estimated error was above the limit at the last decision, and the number of all
@@ -251,9 +255,9 @@ impl Blocks {
         self.next.is_empty()
     }
 
-    /// The share of the blocks that are in a batch.
-    pub fn share_of(&self, batch: &Batch) -> f64 {
-        batch.blocks.len() as f64 / self.samples.len() as f64
+    /// The share of all blocks that these are.
+    pub fn share_of(&self, equal: &EqualBlocks) -> f64 {
+        equal.blocks.len() as f64 / self.samples.len() as f64
     }
 
     /// Samples of a pixel.
@@ -284,12 +288,12 @@ impl Blocks {
     }
 }
 
-impl Batch {
-    /// The blocks' pixels in some rows of the image, by their indices there, block by block.
-    pub fn pixels(&self, adaptive: &Blocks, rows: Range<u32>, width: u32) -> Vec<u32> {
+impl EqualBlocks {
+    /// Their pixels in some rows of the image, by their indices there, block by block. `all` has all blocks.
+    pub fn pixels(&self, all: &Blocks, rows: Range<u32>, width: u32) -> Vec<u32> {
         let in_block = |block: &u32| {
-            let side = adaptive.side;
-            let [x, y] = [block % adaptive.columns * side, block / adaptive.columns * side];
+            let side = all.side;
+            let [x, y] = [block % all.columns * side, block / all.columns * side];
             let (columns, rows) = (x..(x + side).min(width), y.max(rows.start)..(y + side).min(rows.end));
             rows.flat_map(move |y| columns.clone().map(move |x| (y, x)))
         };
@@ -331,16 +335,16 @@ mod tests {
         Blocks::of(&ImageSettings { width, height, spp, sampling, ..ImageSettings::default() }).unwrap()
     }
 
-    /// Adds all samples of the blocks that are next, at most `layers` at a time. Returns the blocks, first sample and
-    /// samples of each batch.
+    /// Adds all samples of the blocks that are next, at most `layers` at a time. Returns the blocks that got samples
+    /// together, the first sample, and how many they got.
     fn render(adaptive: &mut Blocks, layers: u32) -> Vec<(Vec<u32>, u32, u32)> {
-        let mut batches = Vec::new();
-        while let Some(mut batch) = adaptive.batch() {
-            batch.missing = batch.missing.min(layers);
-            batches.push((batch.blocks.clone(), batch.first_sample, batch.missing));
-            adaptive.add(&[batch]);
+        let mut rendered = Vec::new();
+        while let Some(mut equal) = adaptive.next_equal() {
+            equal.samples = equal.samples.min(layers);
+            rendered.push((equal.blocks.clone(), equal.first_sample, equal.samples));
+            adaptive.add(&[equal]);
         }
-        batches
+        rendered
     }
 
     /// All blocks get the first samples, also where `spp` is less.
@@ -353,8 +357,8 @@ mod tests {
         }
     }
 
-    /// Blocks above the noise double their samples up to the limit, the ones with the largest gain first. All blocks of
-    /// a batch have equal numbers of samples.
+    /// Blocks above the noise double their samples up to the limit, the ones with the largest gain first. Only blocks
+    /// with equal numbers of samples get samples together.
     #[test]
     fn samples_go_where_they_gain() {
         let mut adaptive = blocks(64, 8, 40);
@@ -363,7 +367,7 @@ mod tests {
         let errors = [0.1, 8.0, 2.0, 1.9, 0.2, 0.09, 0.0, 8.0];
         adaptive.choose(&errors, 0.1, 40, SHARE);
         assert_eq!(render(&mut adaptive, 5), [(vec![1, 2, 7], 8, 5), (vec![1, 2, 7], 13, 3)]);
-        // Now 2 / 16 is a quarter of 8 / 16, and 1.9 / 8 is more: two numbers of samples, two batches.
+        // Now 2 / 16 is a quarter of 8 / 16, and 1.9 / 8 is more: two numbers of samples, one after the other.
         adaptive.choose(&errors, 0.1, 40, SHARE);
         assert_eq!(render(&mut adaptive, 99), [(vec![3], 8, 8), (vec![1, 2, 7], 16, 16)]);
         adaptive.choose(&errors, 0.1, 40, SHARE);
@@ -371,7 +375,7 @@ mod tests {
         assert_eq!(adaptive.samples, [8, 40, 40, 32, 8, 8, 8, 40]);
         // At the limit, or below the noise, nothing is wanted.
         adaptive.choose(&[0.1, 8.0, 0.0, 0.0, 0.0, 0.0, 0.0, 8.0], 0.1, 40, SHARE);
-        assert!(adaptive.batch().is_none());
+        assert!(adaptive.next_equal().is_none());
     }
 
     /// At least an eighth of many blocks get samples together: those with the largest gain.
@@ -381,7 +385,7 @@ mod tests {
         render(&mut adaptive, 8);
         let errors: Vec<f64> = (0..16).map(|block| 10f64.powi(block)).collect();
         adaptive.choose(&errors, 0.5, 64, SHARE);
-        assert_eq!(adaptive.share_of(&adaptive.batch().unwrap()), 2.0 / 16.0);
+        assert_eq!(adaptive.share_of(&adaptive.next_equal().unwrap()), 2.0 / 16.0);
         assert_eq!(render(&mut adaptive, 8), [(vec![14, 15], 8, 8)]);
     }
 
@@ -402,17 +406,17 @@ mod tests {
         }
     }
 
-    /// Tiles divide blocks; each pixel of a batch is in one of them.
+    /// Tiles divide blocks; each pixel of blocks is in one of them.
     #[test]
-    fn batches_list_each_pixel_once() {
+    fn tiles_list_each_pixel_once() {
         let mut adaptive = blocks(26, 19, 64);
-        let parts = [0..5, 5..6, 6..16, 16..19];
+        let tiles = [0..5, 5..6, 6..16, 16..19];
         let pixels = |adaptive: &Blocks| -> Vec<u32> {
-            let batch = adaptive.batch().unwrap();
+            let equal = adaptive.next_equal().unwrap();
             let of_rows = |rows: &Range<u32>| -> Vec<u32> {
-                batch.pixels(adaptive, rows.clone(), 26).into_iter().map(|i| i + rows.start * 26).collect()
+                equal.pixels(adaptive, rows.clone(), 26).into_iter().map(|i| i + rows.start * 26).collect()
             };
-            parts.iter().flat_map(of_rows).collect()
+            tiles.iter().flat_map(of_rows).collect()
         };
         let mut all = pixels(&adaptive);
         assert_eq!(all[..9], [0, 1, 2, 3, 4, 5, 6, 7, 26], "block by block");
@@ -438,20 +442,21 @@ mod tests {
         }
     }
 
-    /// Gives all pixels their part of what was decided; the batches as numbers of pixels, first samples and samples.
-    fn add_part(blocks: &mut Blocks, layers: u32, mean: u32) -> Vec<(usize, u32, u32)> {
-        let batches = blocks.part(layers, mean);
-        blocks.add(&batches);
-        batches.into_iter().map(|batch| (batch.blocks.len(), batch.first_sample, batch.missing)).collect()
+    /// Raises the mean of all pixels by `layers`. Returns how many pixels got samples together, the first sample, and
+    /// how many they got.
+    fn raise_mean(blocks: &mut Blocks, layers: u32, mean: u32) -> Vec<(usize, u32, u32)> {
+        let next = blocks.to_raise_mean(layers, mean);
+        blocks.add(&next);
+        next.into_iter().map(|equal| (equal.blocks.len(), equal.first_sample, equal.samples)).collect()
     }
 
     /// The first two samples are for all pixels, one at a time.
     #[test]
     fn all_pixels_get_two_samples() {
         let mut blocks = pixels(3, 2, 100);
-        assert_eq!(add_part(&mut blocks, 1, 0), [(6, 0, 1)]);
+        assert_eq!(raise_mean(&mut blocks, 1, 0), [(6, 0, 1)]);
         assert!(!blocks.is_complete());
-        assert_eq!(add_part(&mut blocks, 1, 1), [(6, 1, 1)]);
+        assert_eq!(raise_mean(&mut blocks, 1, 1), [(6, 1, 1)]);
         assert!(blocks.is_complete() && blocks.samples == [2; 6]);
     }
 
@@ -460,7 +465,7 @@ mod tests {
     #[test]
     fn noise_around_a_pixel_brings_samples() {
         let mut blocks = pixels(40, 40, 100);
-        add_part(&mut blocks, 2, 0);
+        raise_mean(&mut blocks, 2, 0);
         let noisy = 20 * 40 + 20;
         let mut errors = vec![0.0; 40 * 40];
         errors[noisy] = 0.5;
@@ -484,7 +489,7 @@ mod tests {
     fn samples_follow_the_square_root_of_the_variance() {
         // Halves of an image, one with four times the variance: twice the samples.
         let mut blocks = pixels(64, 16, 100);
-        add_part(&mut blocks, 2, 0);
+        raise_mean(&mut blocks, 2, 0);
         let errors: Vec<f64> = (0..64 * 16).map(|pixel| if pixel % 64 < 32 { 0.04 } else { 0.01 }).collect();
         blocks.allocate_samples(&errors, 16);
         let mean_of = |columns: Range<usize>| {
@@ -498,23 +503,23 @@ mod tests {
         assert!(quotient > 2.0 / 1.1 && quotient < 2.0 * 1.1, "{quotient}");
     }
 
-    /// Batches end at powers of two, in the order of their samples, and a part of a step is that part of its samples.
+    /// Samples are in order and end at powers of two. A share of a step of the mean is that share of its samples.
     #[test]
-    fn batches_end_at_powers_of_two() {
+    fn samples_end_at_powers_of_two() {
         let mut blocks = pixels(4, 1, 100);
         blocks.samples = vec![2, 4, 4, 8];
         let next = |(block, target): (u32, u32)| Next { block, target };
         blocks.next = [(0, 16), (1, 4), (2, 8), (3, 32)].map(next).into();
-        let numbers = |batches: Vec<Batch>| -> Vec<(Vec<u32>, u32, u32)> {
-            batches.into_iter().map(|batch| (batch.blocks, batch.first_sample, batch.missing)).collect()
+        let numbers = |next: Vec<EqualBlocks>| -> Vec<(Vec<u32>, u32, u32)> {
+            next.into_iter().map(|equal| (equal.blocks, equal.first_sample, equal.samples)).collect()
         };
         let whole = [(vec![0], 2, 2), (vec![0, 2], 4, 4), (vec![0, 3], 8, 8), (vec![3], 16, 16)];
-        assert_eq!(numbers(blocks.part(8, 8)), whole);
+        assert_eq!(numbers(blocks.to_raise_mean(8, 8)), whole);
         let quarter = [(vec![0], 2, 2), (vec![2], 4, 1), (vec![0], 4, 2), (vec![3], 8, 6)];
-        assert_eq!(numbers(blocks.part(2, 8)), quarter);
+        assert_eq!(numbers(blocks.to_raise_mean(2, 8)), quarter);
     }
 
-    /// Without a decision each pixel doubles its samples, a part at a time.
+    /// Without a decision each pixel doubles its samples, some at a time.
     #[test]
     fn numbers_of_samples_are_doubled() {
         let mut blocks = pixels(4, 1, 100);
@@ -522,9 +527,9 @@ mod tests {
         blocks.next.clear();
         blocks.double();
         assert!(!blocks.is_complete());
-        assert_eq!(add_part(&mut blocks, 1, 4), [(1, 2, 1), (2, 4, 1), (1, 8, 2)]);
+        assert_eq!(raise_mean(&mut blocks, 1, 4), [(1, 2, 1), (2, 4, 1), (1, 8, 2)]);
         assert_eq!(blocks.samples, [3, 5, 5, 10]);
-        add_part(&mut blocks, 3, 5);
+        raise_mean(&mut blocks, 3, 5);
         assert!(blocks.is_complete() && blocks.samples == [4, 8, 8, 16], "{:?}", blocks.samples);
     }
 
@@ -534,7 +539,7 @@ mod tests {
         for [width, height] in [[1, 1], [1, 9], [12, 10]] {
             for error in [0.0, 0.01, f64::INFINITY] {
                 let mut blocks = pixels(width, height, 100);
-                add_part(&mut blocks, 2, 0);
+                raise_mean(&mut blocks, 2, 0);
                 blocks.allocate_samples(&vec![error; (width * height) as usize], 4);
                 assert!(blocks.next.iter().all(|next| next.target == 4), "{width} x {height}");
                 assert_eq!(blocks.next.len(), (width * height) as usize);

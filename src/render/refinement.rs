@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use glam::{DVec3, DVec4};
 
+use super::blocks::Blocks;
 use super::growth::{AVOIDANCE, Growth, errors_of_rays, mean_error, wants_rays};
 use super::renderer::Renderer;
 use crate::Result;
@@ -193,11 +194,10 @@ impl Renderer<'_> {
             let first_pixel = changes.len();
             changes.resize(first_pixel + film.rows().len() * self.settings.image.part().width as usize, 0.0);
             let of_film = &mut changes[first_pixel..];
-            for batch in
-                self.sampling.blocks.as_ref().map_or(vec![None], |blocks| blocks.by_samples().map(Some).collect())
-            {
-                let samples = batch.as_ref().map_or(self.sampling.samples, |batch| batch.first_sample);
-                let (pixels, pixel_count) = self.list_pixels(film, batch.as_ref());
+            let by_samples = |all: &Blocks| all.by_samples().map(Some).collect();
+            for blocks in self.sampling.blocks.as_ref().map_or(vec![None], by_samples) {
+                let samples = blocks.as_ref().map_or(self.sampling.samples, |blocks| blocks.first_sample);
+                let (pixels, pixel_count) = self.list_pixels(film, blocks.as_ref());
                 if pixel_count == 0 || samples == 0 {
                     continue;
                 }
@@ -207,8 +207,8 @@ impl Renderer<'_> {
                 self.view.primary.record(&mut frame, &tile);
                 indirect.change(&mut frame, before, &tile);
                 let inputs = self.view.buffers.film_inputs();
-                let of_batch = Change { change, pixel_count, earlier_samples: samples, inputs };
-                film.correct(self.gpu, &self.view.film, &mut frame, of_batch)?;
+                let correction = Change { change, pixel_count, earlier_samples: samples, inputs };
+                film.correct(self.gpu, &self.view.film, &mut frame, correction)?;
                 frame.submit()?;
                 let differences: Vec<[f32; 4]> = self.gpu.read(change, pixel_count as usize)?;
                 for (i, [r, g, b, _]) in differences.into_iter().enumerate() {
