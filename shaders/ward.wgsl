@@ -259,7 +259,7 @@ fn next(
 // Estimates the visibility of the lights that were not tested: the share of each that was visible so far, times the
 // ratio of visible to expected shares over the lights tested at this point.
 @compute @workgroup_size(64)
-fn guess(
+fn estimate(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
@@ -268,11 +268,11 @@ fn guess(
     if i >= ward_pass.tile.point_count { return; }
     var state = ward_states[i];
     add_test(i, &state);
-    // Without an expectation there is no ratio to scale by.
-    let here = select(0.5, state.visible / state.expected, state.expected > 0.0);
+    // Without an expectation there is no ratio: half of the lights' visible shares.
+    let ratio = select(0.5, state.visible / state.expected, state.expected > 0.0);
     for (var k = 0u; k < state.waiting; k++) {
         let light = key_at(i, k) & LIGHT_MASK;
-        classes[candidate_of(light, i)] = estimated_word(min(here * expected_share(light), 1.0));
+        classes[candidate_of(light, i)] = estimated_word(min(ratio * expected_share(light), 1.0));
     }
 }
 

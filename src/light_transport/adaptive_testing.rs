@@ -62,9 +62,9 @@ impl AdaptiveTesting {
         self.bound.next(frame, classify, &self.parameters(tile, chunk));
     }
 
-    /// See [`BoundWard::guess`].
-    pub fn guess(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
-        self.bound.guess(frame, &self.parameters(tile, chunk));
+    /// See [`BoundWard::estimate`].
+    pub fn estimate(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
+        self.bound.estimate(frame, &self.parameters(tile, chunk));
     }
 
     /// See [`BoundWard::learn`].

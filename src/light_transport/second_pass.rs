@@ -142,8 +142,8 @@ impl SecondPass<'_, '_> {
     }
 
     /// Estimates the visibility of the lights that were not tested (pass `ward`).
-    pub fn guess_untested_lights(&mut self, lights: &Chunk) {
-        self.testing(|testing, _, frame, tile| testing.guess(frame, tile, lights));
+    pub fn estimate_untested_lights(&mut self, lights: &Chunk) {
+        self.testing(|testing, _, frame, tile| testing.estimate(frame, tile, lights));
     }
 
     /// Adds the visibility of the tested lights to the statistics for later estimates (pass `ward`), and empties the

@@ -143,7 +143,7 @@ impl Ward {
             light_tests: &buffers.tests,
         };
         let bind = |entry| self.0.bind(gpu, entry, &[&own, tile, scene]);
-        Ok(BoundWard { order: bind("order")?, next: bind("next")?, guess: bind("guess")?, learn: bind("learn")? })
+        Ok(BoundWard { order: bind("order")?, next: bind("next")?, estimate: bind("estimate")?, learn: bind("learn")? })
     }
 }
 
@@ -151,7 +151,7 @@ impl Ward {
 pub struct BoundWard {
     order: BoundKernel,
     next: BoundKernel,
-    guess: BoundKernel,
+    estimate: BoundKernel,
     learn: BoundKernel,
 }
 
@@ -172,8 +172,8 @@ impl BoundWard {
     }
 
     /// Estimates the visibility of the lights that were not tested.
-    pub fn guess(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
-        frame.run(&self.guess, parameters.tile.point_count, parameters);
+    pub fn estimate(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
+        frame.run(&self.estimate, parameters.tile.point_count, parameters);
     }
 
     /// Adds this tile's tests to the statistics of each light, from which visibility is estimated.

@@ -51,7 +51,7 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
             frame.queue_next_light(&lights);
             frame.test_queued_lights(&lights);
         }
-        frame.guess_untested_lights(&lights);
+        frame.estimate_untested_lights(&lights);
         frame.learn_visibility(&lights);
         // Counts the classes; the shadow rays are already traced.
         frame.queue_shadow_rays(&lights);

@@ -46,7 +46,7 @@ fn hall() -> (Scene, Camera) {
 #[test]
 fn wards_error_is_within_its_tolerance() {
     let (mut scene, view) = hall();
-    // Where the visibility of an area light is guessed, it has no sampling noise. Such lights are removed below.
+    // Where the visibility of an area light is estimated, it has no sampling noise. Such lights are removed below.
     let of = |scene: &Scene, technique, shadow_tolerance| {
         let settings = settings(technique, [64, 48], 2).with(|s| s.ward.tolerance = shadow_tolerance);
         render_scene(scene.clone(), &view, &settings)

@@ -72,7 +72,7 @@ fn reached(candidate: u32, points: u32) -> f64 {
 /// order depends on rounding.
 struct Expected {
     tested: Vec<bool>,
-    guess: Vec<f64>,
+    estimates: Vec<f64>,
     doubtful: bool,
 }
 
@@ -106,8 +106,8 @@ fn by_hand(point: &Point, index: u32, points: u32, lamps: &[Lamp], rates: &[[f64
     }
     let here = if expected > 0.0 { visible / expected } else { 0.5 };
     let listed: Vec<usize> = list.iter().map(|(_, light)| *light).collect();
-    let guess = |light| if listed.contains(&light) { (here * rate(light)).min(1.0) } else { 0.0 };
-    Expected { guess: (0..lamps.len()).map(guess).collect(), tested, doubtful }
+    let estimate = |light| if listed.contains(&light) { (here * rate(light)).min(1.0) } else { 0.0 };
+    Expected { estimates: (0..lamps.len()).map(estimate).collect(), tested, doubtful }
 }
 
 /// Two tiles in sequence: at every point the pass tests exactly the lights that Ward's procedure tests, and estimates
@@ -157,7 +157,7 @@ fn lights_are_tested_as_ward_does(gpu: &Gpu) {
             // In the order of `src/techniques/ward_adaptive.rs`. The visibilities are there: nothing is traced.
             bound.order(&mut frame, &parameters);
             (0..LIGHTS).for_each(|_| bound.next(&mut frame, &classify, &parameters));
-            bound.guess(&mut frame, &parameters);
+            bound.estimate(&mut frame, &parameters);
             bound.learn(&mut frame, &parameters);
             frame.submit().unwrap();
             let words: Vec<u32> = gpu.read(&classify.classes, candidates as usize).unwrap();
@@ -184,9 +184,9 @@ fn lights_are_tested_as_ward_does(gpu: &Gpu) {
                         assert_eq!(got.class, Class::Unknown, "{what}");
                     } else {
                         assert_eq!(got.class, Class::Boundary, "{what}");
-                        let guess = expected.guess[light];
+                        let estimate = expected.estimates[light];
                         // Half a step of eleven bits.
-                        assert!((f64::from(got.visibility) - guess).abs() < 0.6 / 2047.0, "{what}, {guess}");
+                        assert!((f64::from(got.visibility) - estimate).abs() < 0.6 / 2047.0, "{what}, {estimate}");
                     }
                 }
                 let number = expected.tested.iter().filter(|tested| **tested).count();
