@@ -2,7 +2,7 @@
 
 use kernel_kit::Feature as _;
 
-use crate::specialisation::lobes::{LOBES, LobeFeature, Part};
+use crate::specialisation::lobes::{LOBES, LobeFeature, LobeRole};
 
 /// Repeats each statement, member or import that begins a line with `@each(GROUP)`, once for every lobe of the group,
 /// from the lowest to the highest; with `@each_from_top(GROUP)`, from the highest to the lowest. `NAME` in it becomes
@@ -23,8 +23,8 @@ use crate::specialisation::lobes::{LOBES, LobeFeature, Part};
 ///     @if(clearcoat && textures) { factors.clearcoat = clearcoat_texture(factors.clearcoat, texel, texture); }
 /// ```
 ///
-/// Groups are `lobe` (all of them), `layer` (both kinds of layers) and each `Part` of `src/specialisation/lobes.rs` in
-/// snake case. A line with another group stays, and does not compose.
+/// Groups are `lobe` (all of them), `layer` (both kinds of layers) and each `LobeRole` of
+/// `src/specialisation/lobes.rs` in snake case. A line with another group stays, and does not compose.
 pub fn expand_each(text: &str) -> String {
     let mut expanded = String::new();
     let mut lines = text.lines();
@@ -54,7 +54,7 @@ pub fn expand_each(text: &str) -> String {
 struct Each<'t> {
     /// Up to the end of the group's name.
     head: &'t str,
-    parts: &'static [Part],
+    roles: &'static [LobeRole],
     from_top: bool,
 }
 
@@ -68,11 +68,11 @@ impl Each<'_> {
             _ => return None,
         };
         let group = rest.split([' ', ')']).next()?;
-        Some(Each { head: &line[..begin.len() + 1 + group.len()], parts: parts(group)?, from_top })
+        Some(Each { head: &line[..begin.len() + 1 + group.len()], roles: roles(group)?, from_top })
     }
 
     fn lobes(&self) -> Vec<&'static LobeFeature> {
-        let is_meant = |lobe: &&LobeFeature| lobe.part.is_some_and(|part| self.parts.contains(&part));
+        let is_meant = |lobe: &&LobeFeature| lobe.role.is_some_and(|role| self.roles.contains(&role));
         let mut lobes: Vec<_> = LOBES.iter().filter(is_meant).collect();
         if self.from_top {
             lobes.reverse();
@@ -81,9 +81,9 @@ impl Each<'_> {
     }
 }
 
-/// The parts of a group; `None` if there is no such group.
-fn parts(group: &str) -> Option<&'static [Part]> {
-    use Part::{Base, Film, GlossyLayer, Spread, WideLayer};
+/// The roles of a group; `None` if there is no such group.
+fn roles(group: &str) -> Option<&'static [LobeRole]> {
+    use LobeRole::{Base, Film, GlossyLayer, Spread, WideLayer};
     match group {
         "lobe" => Some(&[Base, Film, Spread, WideLayer, GlossyLayer]),
         "layer" => Some(&[WideLayer, GlossyLayer]),
@@ -154,9 +154,9 @@ struct Surface {
     /// Glossy layers lie above wide ones, as the shaders take them.
     #[test]
     fn layers_are_listed_from_below() {
-        let parts: Vec<_> = LOBES.iter().filter_map(|lobe| lobe.part).collect();
-        let first_glossy = parts.iter().position(|part| *part == Part::GlossyLayer).unwrap();
-        let last_wide = parts.iter().rposition(|part| *part == Part::WideLayer).unwrap();
-        assert!(last_wide < first_glossy, "{parts:?}");
+        let roles: Vec<_> = LOBES.iter().filter_map(|lobe| lobe.role).collect();
+        let first_glossy = roles.iter().position(|role| *role == LobeRole::GlossyLayer).unwrap();
+        let last_wide = roles.iter().rposition(|role| *role == LobeRole::WideLayer).unwrap();
+        assert!(last_wide < first_glossy, "{roles:?}");
     }
 }

@@ -106,9 +106,9 @@ impl Renderer<'_> {
         let medians = medians(&whole, width);
         let pixel = |(pixel, [_, a, b]): (usize, &[Colour; 3])| {
             let samples = samples[pixel];
-            let part = f64::from(first_half(samples)) / f64::from(samples);
-            // The variance of a mean over the mean squared difference of the means of its parts.
-            let share = part * (1.0 - part);
+            let first = f64::from(first_half(samples)) / f64::from(samples);
+            // The variance of the mean, over the mean squared difference of the means of both halves.
+            let share = first * (1.0 - first);
             // Where both halves are bright, as at the edge of a lamp, the pixel is.
             let typical = [0, 1, 2].map(|c| medians[pixel][c].max(a[c].min(b[c])));
             relative(&typical, |c| share * (f64::from(a[c]) - f64::from(b[c])).powi(2))

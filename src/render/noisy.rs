@@ -83,20 +83,20 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
 
     let samples = |pixel: usize| sums.samples_of(pixel);
     let (mut all, mut halves, mut coverage) = (Vec::new(), [Vec::new(), Vec::new()], Vec::new());
-    let parts = [(Quantity::Direct, Quantity::DirectSquares), (Quantity::Indirect, Quantity::IndirectSquares)];
-    for (part, squares) in parts {
-        let Some(whole) = sums.sums(part)? else { continue };
-        if part == Quantity::Direct {
+    let lights = [(Quantity::Direct, Quantity::DirectSquares), (Quantity::Indirect, Quantity::IndirectSquares)];
+    for (light, squares) in lights {
+        let Some(whole) = sums.sums(light)? else { continue };
+        if light == Quantity::Direct {
             coverage = whole.par_iter().map(|sum| sum.mean().w).collect();
         }
         let squares = sums.sums(squares)?;
-        if let Some(first) = sums.first_halves(part)? {
+        if let Some(first) = sums.first_halves(light)? {
             // A pixel without samples in one half does not show its error: it counts as exact.
-            let mean = |part: Sum, whole: &Sum| if part.kept > 0.0 { part.mean() } else { whole.mean() };
+            let mean = |half: Sum, whole: &Sum| if half.kept > 0.0 { half.mean() } else { whole.mean() };
             let both = first.par_iter().zip(&whole);
-            let second = both.clone().map(|(part, whole)| colour(&mean(whole.without(part), whole)));
+            let second = both.clone().map(|(first, whole)| colour(&mean(whole.without(first), whole)));
             halves[1].push(second.collect());
-            halves[0].push(both.map(|(part, whole)| colour(&mean(*part, whole))).collect());
+            halves[0].push(both.map(|(first, whole)| colour(&mean(*first, whole))).collect());
         }
         let variance = |(squares, sum): (&Sum, &Sum)| colour(&variance_of_mean(sum.mean(), squares.mean(), sum.kept));
         let variance = squares.map(|squares| squares.par_iter().zip(&whole).map(variance).collect());

@@ -117,7 +117,7 @@ pub(super) struct Geometry {
 }
 
 /// The placed primitives, except those of shared meshes.
-pub(super) struct Parts<'g> {
+pub(super) struct PlacedPrimitives<'g> {
     pub world: &'g [DVec3],
     pub triangles: &'g mut [Triangle],
     /// The triangles of each primitive.
@@ -148,8 +148,8 @@ impl Geometry {
     }
 
     /// The placed primitives.
-    pub fn parts(&mut self) -> Parts<'_> {
-        Parts { world: &self.world, triangles: &mut self.triangles, ranges: &self.primitives }
+    pub fn placed_primitives(&mut self) -> PlacedPrimitives<'_> {
+        PlacedPrimitives { world: &self.world, triangles: &mut self.triangles, ranges: &self.primitives }
     }
 
     fn material_of(&mut self, primitive: &Primitive, materials: &mut Vec<Material>) -> u32 {

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::geometry::{Geometry, Parts, joined};
+use super::geometry::{Geometry, PlacedPrimitives, joined};
 use super::material::{Material, Medium};
 use super::notes::Notes;
 use super::triangle::Triangle;
@@ -30,7 +30,7 @@ const DIRECTIONS: [DVec3; 3] =
 const POINTS: usize = 3;
 
 /// A primitive, placed.
-struct Part {
+struct Placed {
     triangles: Range<usize>,
     material: u32,
     bounds: [DVec3; 2],
@@ -42,36 +42,39 @@ pub(super) fn immerse(geometry: &mut Geometry, materials: &mut Vec<Material>, no
     if !materials.iter().any(is_vessel) {
         return;
     }
-    let Parts { world, triangles, ranges } = geometry.parts();
-    let parts: Vec<Part> = ranges.par_iter().filter_map(|range| Part::new(range, world, triangles)).collect();
-    let mut vessels: Vec<&Part> = parts.iter().filter(|part| is_vessel(&materials[part.material as usize])).collect();
+    let PlacedPrimitives { world, triangles, ranges } = geometry.placed_primitives();
+    let primitives: Vec<Placed> = ranges.par_iter().filter_map(|range| Placed::new(range, world, triangles)).collect();
+    let mut vessels: Vec<&Placed> =
+        primitives.iter().filter(|primitive| is_vessel(&materials[primitive.material as usize])).collect();
     vessels.sort_by(|a, b| a.size().total_cmp(&b.size()));
     let to_unit = to_unit_box(&vessels);
     let tree = BoxTree::new(vessels.par_iter().map(|vessel| vessel.unit_bounds(&to_unit)));
-    let tests = |part: &Part| (part.triangles.len() * POINTS * DIRECTIONS.len()) as u64;
+    let tests = |primitive: &Placed| (primitive.triangles.len() * POINTS * DIRECTIONS.len()) as u64;
     let all_tests = AtomicU64::new(0);
     // From the smallest.
-    let candidates = |part: &Part| -> Vec<&Part> {
-        let lamp = materials[part.material as usize].emissive != Vec3::ZERO;
+    let candidates = |primitive: &Placed| -> Vec<&Placed> {
+        let lamp = materials[primitive.material as usize].emissive != Vec3::ZERO;
         if lamp || all_tests.load(Ordering::Relaxed) > MAX_TESTS {
             return Vec::new();
         }
-        let bounds = part.unit_bounds(&to_unit);
+        let bounds = primitive.unit_bounds(&to_unit);
         let contains = |outer: Aabb| outer.min.cmple(bounds.min).all() && outer.max.cmpge(bounds.max).all();
         let mut found: Vec<usize> = tree.entered(|outer| contains(outer).then_some(0.0)).iter().map(|f| f.1).collect();
         found.sort_unstable();
-        let around: Vec<&Part> = found.iter().map(|i| vessels[*i]).filter(|vessel| vessel.may_enclose(part)).collect();
+        let around: Vec<&Placed> =
+            found.iter().map(|i| vessels[*i]).filter(|vessel| vessel.may_enclose(primitive)).collect();
         all_tests.fetch_add(around.iter().map(|vessel| tests(vessel)).sum(), Ordering::Relaxed);
         around
     };
-    let pairs: Vec<(&Part, Vec<&Part>)> = parts.par_iter().map(|part| (part, candidates(part))).collect();
+    let pairs: Vec<(&Placed, Vec<&Placed>)> =
+        primitives.par_iter().map(|primitive| (primitive, candidates(primitive))).collect();
     if all_tests.into_inner() > MAX_TESTS {
         notes.push("too many objects may lie in volumes of others: all of them count as lying in air");
         return;
     }
-    let around = |(part, vessels): &(&Part, Vec<&Part>)| {
-        let vessel = vessels.iter().find(|vessel| vessel.encloses(part, world, triangles))?;
-        Some((part.triangles.clone(), part.material, vessel.material))
+    let around = |(primitive, vessels): &(&Placed, Vec<&Placed>)| {
+        let vessel = vessels.iter().find(|vessel| vessel.encloses(primitive, world, triangles))?;
+        Some((primitive.triangles.clone(), primitive.material, vessel.material))
     };
     let immersed: Vec<(Range<usize>, u32, u32)> = pairs.par_iter().filter_map(around).collect();
     let mut copies = HashMap::new();
@@ -86,11 +89,11 @@ pub(super) fn immerse(geometry: &mut Geometry, materials: &mut Vec<Material>, no
     }
 }
 
-impl Part {
-    fn new(range: &Range<usize>, world: &[DVec3], triangles: &[Triangle]) -> Option<Part> {
+impl Placed {
+    fn new(range: &Range<usize>, world: &[DVec3], triangles: &[Triangle]) -> Option<Placed> {
         let corners = || triangles[range.clone()].iter().flat_map(|t| t.vertices).map(|v| world[v as usize]);
         let bounds = [corners().reduce(DVec3::min)?, corners().reduce(DVec3::max)?];
-        Some(Part { triangles: range.clone(), material: triangles[range.start].material, bounds })
+        Some(Placed { triangles: range.clone(), material: triangles[range.start].material, bounds })
     }
 
     /// Diagonal of its bounding box.
@@ -105,12 +108,12 @@ impl Part {
     }
 
     /// Whether the other's bounding box is within its own, which is larger.
-    fn may_enclose(&self, other: &Part) -> bool {
+    fn may_enclose(&self, other: &Placed) -> bool {
         let within = self.bounds[0].cmple(other.bounds[0]).all() && self.bounds[1].cmpge(other.bounds[1]).all();
         within && self.bounds != other.bounds
     }
 
-    fn encloses(&self, other: &Part, world: &[DVec3], triangles: &[Triangle]) -> bool {
+    fn encloses(&self, other: &Placed, world: &[DVec3], triangles: &[Triangle]) -> bool {
         let count = other.triangles.len();
         let middle = |i: usize| {
             let corners = triangles[other.triangles.start + i].vertices.map(|v| world[v as usize]);
@@ -129,7 +132,7 @@ impl Part {
 }
 
 /// Maps the box around all vessels to the unit box. Halves are subtracted, because sums may overflow.
-fn to_unit_box(vessels: &[&Part]) -> impl Fn(DVec3) -> DVec3 + Sync + use<> {
+fn to_unit_box(vessels: &[&Placed]) -> impl Fn(DVec3) -> DVec3 + Sync + use<> {
     let [low, high] = vessels.iter().map(|vessel| vessel.bounds).reduce(joined).unwrap_or_default();
     let extent = (0.5 * high - 0.5 * low).max(DVec3::splat(f64::MIN_POSITIVE));
     move |point| (0.5 * point - 0.5 * low) / extent

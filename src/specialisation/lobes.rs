@@ -1,4 +1,4 @@
-//! The lobes of materials: which materials need them, and their part in the kernels.
+//! The lobes of materials: which materials need them, and their role in the kernels.
 
 use crate::scene::Material;
 use crate::specialisation::features::{Feature, Features};
@@ -7,8 +7,8 @@ use crate::specialisation::features::{Feature, Features};
 pub(crate) struct LobeFeature {
     /// The feature that puts it in the kernels.
     pub feature: Feature,
-    /// Its part in the kernels. `None` if its code is a part of the shaders of all lobes.
-    pub part: Option<Part>,
+    /// Its role in the kernels. `None` if its code is in the shaders of all lobes.
+    pub role: Option<LobeRole>,
     /// Whether a material needs it.
     pub has: fn(&Material) -> bool,
     /// Description of the materials that need it, which follows their number.
@@ -31,9 +31,9 @@ pub(crate) struct LobeFeature {
 /// - `NAME_is_present`: whether it does anything there;
 /// - `pack_NAME` and `unpack_NAME`: the lobe as a vector.
 ///
-/// The shaders name lobes in lines that begin with `@each(PART)`: [`crate::kernels::expand_each`].
+/// The shaders name lobes in lines that begin with `@each(ROLE)`: [`crate::kernels::expand_each`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Part {
+pub(crate) enum LobeRole {
     /// It takes light from the diffuse base, and lets it pass or reflects it in its own way: `NAME_base`, the albedo
     /// that it leaves, and `NAME_blocked`, the lobe of unlit materials. `bsdf.wgsl` evaluates it.
     Base,
@@ -54,7 +54,7 @@ pub(crate) enum Part {
 pub(crate) const LOBES: &[LobeFeature] = &[
     LobeFeature {
         feature: Feature::Glossy,
-        part: None,
+        role: None,
         has: |m| !m.is_lambertian(),
         materials: "not Lambertian",
         unneeded: "every material is Lambertian",
@@ -63,7 +63,7 @@ pub(crate) const LOBES: &[LobeFeature] = &[
     },
     LobeFeature {
         feature: Feature::Transmission,
-        part: Some(Part::Base),
+        role: Some(LobeRole::Base),
         has: |m| !m.unlit && (m.transmission.is_present() || m.diffuse_transmission.is_present()),
         materials: "that may transmit light",
         unneeded: "no material transmits light",
@@ -72,7 +72,7 @@ pub(crate) const LOBES: &[LobeFeature] = &[
     },
     LobeFeature {
         feature: Feature::DiffuseTransmission,
-        part: Some(Part::Base),
+        role: Some(LobeRole::Base),
         has: |m| !m.unlit && m.diffuse_transmission.is_present(),
         materials: "that transmit light diffusely",
         unneeded: "no material transmits light diffusely",
@@ -81,7 +81,7 @@ pub(crate) const LOBES: &[LobeFeature] = &[
     },
     LobeFeature {
         feature: Feature::Dispersion,
-        part: None,
+        role: None,
         has: |m| !m.unlit && m.disperses(),
         materials: "with dispersion",
         unneeded: "every index of refraction is the same for all wavelengths",
@@ -90,7 +90,7 @@ pub(crate) const LOBES: &[LobeFeature] = &[
     },
     LobeFeature {
         feature: Feature::Immersed,
-        part: None,
+        role: None,
         has: |m| m.medium.is_some(),
         materials: "in the volume of another object",
         unneeded: "every surface is in air",
@@ -99,7 +99,7 @@ pub(crate) const LOBES: &[LobeFeature] = &[
     },
     LobeFeature {
         feature: Feature::Anisotropy,
-        part: Some(Part::Spread),
+        role: Some(LobeRole::Spread),
         has: |m| !m.is_lambertian() && m.anisotropy.is_present(),
         materials: "with anisotropic reflections",
         unneeded: "every material is isotropic",
@@ -108,7 +108,7 @@ pub(crate) const LOBES: &[LobeFeature] = &[
     },
     LobeFeature {
         feature: Feature::Iridescence,
-        part: Some(Part::Film),
+        role: Some(LobeRole::Film),
         has: |m| !m.unlit && m.iridescence.is_present(),
         materials: "with iridescence",
         unneeded: "no material is iridescent",
@@ -117,7 +117,7 @@ pub(crate) const LOBES: &[LobeFeature] = &[
     },
     LobeFeature {
         feature: Feature::Sheen,
-        part: Some(Part::WideLayer),
+        role: Some(LobeRole::WideLayer),
         has: |m| !m.unlit && m.sheen.is_present(),
         materials: "with a sheen of fibres",
         unneeded: "no material has a sheen",
@@ -126,7 +126,7 @@ pub(crate) const LOBES: &[LobeFeature] = &[
     },
     LobeFeature {
         feature: Feature::Clearcoat,
-        part: Some(Part::GlossyLayer),
+        role: Some(LobeRole::GlossyLayer),
         has: |m| !m.unlit && m.clearcoat.is_present(),
         materials: "with a clear coat",
         unneeded: "no material has a clear coat",
@@ -135,7 +135,7 @@ pub(crate) const LOBES: &[LobeFeature] = &[
     },
     LobeFeature {
         feature: Feature::CoatNormals,
-        part: None,
+        role: None,
         has: |m| !m.unlit && m.clearcoat.has_own_normal(m.normal_texture.map(|map| (map, m.normal_scale))),
         materials: "whose clear coat has a normal of its own",
         unneeded: "every clear coat has the normal of its base",
@@ -151,7 +151,7 @@ const LOBE_COST: &str = "one more lobe at every glossy surface; 16 B per point";
 pub fn surface_vectors(features: &Features) -> u32 {
     // Albedo and shading normal; the two vectors of `PackedSpecular`; one for every other lobe.
     let specular = 2 * u32::from(features.has(Feature::Glossy));
-    let lobes = LOBES.iter().filter(|lobe| lobe.part.is_some() && features.has(lobe.feature)).count() as u32;
+    let lobes = LOBES.iter().filter(|lobe| lobe.role.is_some() && features.has(lobe.feature)).count() as u32;
     let chain = u32::from(features.has(Feature::SpecularChains));
     let photons_shown = features.has(Feature::PhotonMap) || features.has(Feature::Caustics);
     let triangle = u32::from(features.has(Feature::SmoothNormals) && photons_shown);
@@ -159,7 +159,7 @@ pub fn surface_vectors(features: &Features) -> u32 {
     1 + specular + lobes + chain + eye + triangle
 }
 
-/// Whether the material has a lobe of that part.
-pub(super) fn has_lobe(m: &Material, part: Part) -> bool {
-    LOBES.iter().any(|lobe| lobe.part == Some(part) && (lobe.has)(m))
+/// Whether the material has a lobe of that role.
+pub(super) fn has_lobe(m: &Material, role: LobeRole) -> bool {
+    LOBES.iter().any(|lobe| lobe.role == Some(role) && (lobe.has)(m))
 }

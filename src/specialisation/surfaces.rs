@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::decisions::{Specialisation, bytes_text};
-use super::lobes::{LOBES, Part, has_lobe};
+use super::lobes::{LOBES, LobeRole, has_lobe};
 use crate::bvh::INSTANCE_TEXELS;
 use crate::count::count;
 use crate::scene::{AlphaMode, LightKind, Material, NO_LIGHT, Scene};
@@ -87,7 +87,7 @@ fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
 /// Whether a material may focus light: it refracts light, or is a smooth metal or a thin film. This is decided by its
 /// factors, which textures can only reduce.
 fn focuses(m: &Material) -> bool {
-    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6 || has_lobe(m, Part::Film);
+    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6 || has_lobe(m, LobeRole::Film);
     let smooth = m.roughness * m.roughness <= FOCUSING_ALPHA || m.metallic_roughness_texture.is_some();
     !m.unlit && (m.transmission.is_present() || (metal && smooth))
 }
