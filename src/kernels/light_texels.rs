@@ -53,6 +53,6 @@ pub(crate) const FEW_EMITTERS: u32 = 4;
 /// tenth of a shadow ray.
 pub(crate) const FEW_NEAR_EMITTERS: u32 = 15;
 
-/// The code in the table for an [`Emission::axis`] of `None`. No normal has it, because -32768 is no signed 16-bit
-/// fraction.
+/// The code in the table for the axis of a light that emits to all sides alike. No normal has it, because -32768 is no
+/// signed 16-bit fraction.
 pub(crate) const NO_AXIS: u32 = 0x8000_8000;

@@ -1,8 +1,8 @@
 //! Error measures, reports of error against run time, and the paper's table 1.
 //!
 //! From the lowest file to the highest: [`entrant`], `format`, [`interval`] and [`metrics`]; [`curve`], [`run`] and
-//! [`reference`]; [`classes`], [`sweep`] and [`finding`]; [`document`], the contents of a report; then what makes and
-//! shows one.
+//! [`mod@reference`]; [`classes`], [`sweep`] and [`finding`]; [`document`], the contents of a report; then what makes
+//! and shows one.
 
 mod advice;
 mod assemble;

@@ -1,4 +1,4 @@
-//! The groups of [`Settings`](super::Settings).
+//! The groups of [`Settings`].
 
 use std::fmt;
 use std::str::FromStr;

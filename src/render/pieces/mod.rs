@@ -5,7 +5,7 @@
 //! otherwise pass on to later ones is left out (`ImageSettings::piece`). The order of additions is fixed by a binary
 //! tree over the numbers of the samples; a piece holds the largest nodes of this tree that lie in its range: see
 //! `sums.rs`. A piece is an EXR file that shows the image of its own samples; further channels hold the sums: see
-//! [`file`].
+//! `file.rs`.
 
 mod coverage;
 mod file;
