@@ -58,17 +58,20 @@ impl GridShape {
         let per_cell = f64::from(per_cell.max(1.0));
         let mut cell = (f64::from(area) * per_cell / f64::from(photons.max(1))).sqrt();
         let max_cells = max_cells.max(1.0);
+        // Surfaces may have no area. With 2,048 cells along a side at most, the loop ends within 400 steps.
         cell = cell.clamp(extent.max_element() / 2048.0, extent.max_element());
         let size = |cell: f64| (extent / cell).ceil().max(DVec3::ONE);
         while size(cell).element_product() > max_cells && cell < extent.max_element() {
+            // A step removes about 6 % of the cells, and no more than that is lost.
             cell *= 1.02;
         }
-        GridShape {
-            origin: low.to_array(),
-            cell: cell as f32,
-            size: size(f64::from(cell as f32)).as_uvec3().max(UVec3::ONE).to_array(),
-            inverse_cell: 1.0 / cell as f32,
-        }
+        GridShape::of_cells(low, cell as f32, size(f64::from(cell as f32)))
+    }
+
+    /// A grid of `size` cells from the corner `origin` on.
+    fn of_cells(origin: Vec3, cell: f32, size: DVec3) -> GridShape {
+        let size = size.as_uvec3().max(UVec3::ONE).to_array();
+        GridShape { origin: origin.to_array(), cell, size, inverse_cell: 1.0 / cell }
     }
 
     /// A grid over the scene with `cells` cells along its longest side, or fewer where there are many lights.
@@ -86,12 +89,7 @@ impl GridShape {
         };
         let fits = |(_, size): &(f64, DVec3)| size.element_product() <= max_cells;
         let (cell, size) = (1..=cells).rev().map(shape).find(fits).unwrap_or(shape(1));
-        GridShape {
-            origin: low.as_vec3().to_array(),
-            cell: cell as f32,
-            size: size.as_uvec3().max(UVec3::ONE).to_array(),
-            inverse_cell: 1.0 / cell as f32,
-        }
+        GridShape::of_cells(low.as_vec3(), cell as f32, size)
     }
 
     /// Cells of one light.

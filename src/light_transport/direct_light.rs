@@ -15,6 +15,7 @@ use crate::kernels::Queue;
 use crate::passes::Tile;
 use crate::passes::classify::{BoundClassify, BoundShowCells, Chunk, Classify, ClassifyBuffers, ShowCells};
 use crate::passes::film::{Film, Inputs, Plane};
+use crate::passes::fine_cells::FineCellBindings;
 use crate::passes::sample_lights::SampledLightBindings;
 use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
 use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
@@ -85,6 +86,15 @@ pub(crate) struct DirectInputs<'a> {
     pub visibility_map: Option<&'a VisibilityMap>,
     pub light_sampler: Option<&'a LightSampler>,
     pub fine_cells: Option<&'a FineCellMap>,
+}
+
+impl<'a> DirectInputs<'a> {
+    /// The sampled lights and the fine cells, as kernels read them.
+    fn bindings(self) -> (SampledLightBindings<'a>, FineCellBindings<'a>) {
+        let sampled_lights = self.light_sampler.map(LightSampler::sampled_lights);
+        let fine_cells = self.fine_cells.map(FineCellMap::bindings).unwrap_or_default();
+        (SampledLightBindings { sampled_lights }, fine_cells)
+    }
 }
 
 pub(crate) struct DirectLight {
@@ -196,8 +206,7 @@ impl DirectLight {
         }
         let Shared { gpu, gpu_scene, tile, .. } = *shared;
         let Buffers { classify, visibility, shadow_samples } = &self.buffers;
-        let sampled = SampledLightBindings { sampled_lights: inputs.light_sampler.map(LightSampler::sampled_lights) };
-        let fine_cells = inputs.fine_cells.map(FineCellMap::bindings).unwrap_or_default();
+        let (sampled, fine_cells) = inputs.bindings();
         let scene: [&dyn Bindings; 3] = [gpu_scene, &sampled, &fine_cells];
         let shadow = ShadowBuffers {
             classes: &classify.classes,
@@ -236,8 +245,7 @@ impl DirectLight {
         if grid.is_none() && inputs.fine_cells.is_none() {
             return Ok(None);
         }
-        let sampled = SampledLightBindings { sampled_lights: inputs.light_sampler.map(LightSampler::sampled_lights) };
-        let fine_cells = inputs.fine_cells.map(FineCellMap::bindings).unwrap_or_default();
+        let (sampled, fine_cells) = inputs.bindings();
         let scene: [&dyn Bindings; 3] = [gpu_scene, &sampled, &fine_cells];
         let kernel = ShowCells::new(gpu, features, nearest)?;
         Ok(Some(kernel.bind(gpu, tile, grid, &self.buffers.classify, &scene)?))

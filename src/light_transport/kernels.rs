@@ -104,7 +104,7 @@ impl IndirectKernels {
     }
 
     /// Whether there is light besides separate direct light.
-    pub fn bring_light(&self) -> bool {
+    pub fn has_light(&self) -> bool {
         self.path.is_some() || self.global_map.is_some()
     }
 }

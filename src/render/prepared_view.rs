@@ -56,7 +56,7 @@ impl ViewOf<'_> {
         let ViewOf { gpu, scene, gpu_scene, features, camera, settings } = *self;
         let tile_size = TileSize::new(features, scene.lights.len(), settings)?;
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
-        let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
+        let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.has_light())?;
         let row = TileFilm::new(gpu, &film, &buffers, None, [0, 1], settings)?;
         host_memory::check(gpu, &row, settings)?;
         let primary = primary.bind(gpu, &buffers, gpu_scene)?;
