@@ -15,7 +15,6 @@ use penumbra::{Error, Image, Result};
 
 use super::child::{Ended, run_within};
 use super::interrupt::Interrupt;
-use super::names::check_names;
 use super::{Ending, print, say};
 
 /// Memory of a render: a small image on lavapipe takes 0.2 to 0.4 GB.
@@ -71,7 +70,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let pages = || arguments.junit.iter().chain([&arguments.html]);
     pages().try_for_each(film::check_target)?;
     let inputs = all.cases.iter().flat_map(|case| case.scene.iter().chain([&case.baseline]));
-    check_names(inputs.chain([&arguments.cases]), pages())?;
+    film::check_names(inputs.chain([&arguments.cases]), pages())?;
     let gpu = match &arguments.images {
         Some(_) => None,
         None => {

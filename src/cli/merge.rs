@@ -7,7 +7,6 @@ use penumbra::internal::render::pieces::{MissingSamples, Pieces};
 use penumbra::settings::Denoise;
 use penumbra::{Error, Result};
 
-use super::names::check_names;
 use super::options::{DeviceOptions, OidnOptions, denoisers, finite};
 use super::render::{both, is_exr};
 use super::{Ending, say};
@@ -57,7 +56,7 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.output.iter().try_for_each(film::check_writable)?;
-    check_names(&arguments.pieces, &arguments.output)?;
+    film::check_names(&arguments.pieces, &arguments.output)?;
     let pieces = Pieces::open(&arguments.pieces)?;
     let missing = pieces.missing();
     if !missing.is_empty() {

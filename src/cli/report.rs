@@ -20,8 +20,8 @@ use penumbra::{Camera, Error, Result, Scene, Settings, Technique};
 
 use super::first_samples::FirstSamples;
 use super::flags::with_flags;
+use super::folder::make_folder;
 use super::interrupt::Interrupt;
-use super::names::make_folder;
 use super::options::{
     DeviceOptions, EntrantParser, OidnOptions, SceneOptions, SettingsOptions, positive, read_reference,
 };

@@ -9,7 +9,7 @@ use penumbra::internal::render::film;
 use penumbra::internal::report::plot;
 use penumbra::internal::stress::{FAMILIES, Family, Reading, breakdown};
 
-use super::names::make_folder;
+use super::folder::make_folder;
 use super::options::DeviceOptions;
 use super::{Ending, print, say};
 

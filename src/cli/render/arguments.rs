@@ -9,7 +9,6 @@ use penumbra::settings::Denoise;
 use penumbra::{Denoiser, Error, Image, Result};
 
 use super::files::{Files, is_exr};
-use crate::cli::names::check_names;
 use crate::cli::options::{
     DeviceOptions, OidnOptions, PartOptions, RenderOptions, SceneOptions, denoisers, finite, positive,
 };
@@ -146,7 +145,7 @@ impl Arguments {
         let Files { outputs, stats } = self.files(self.sequence.first());
         let others = self.scene.other_files();
         let inputs = [&self.scene.scene].into_iter().chain(&others).chain(&self.reference).chain(referred);
-        check_names(inputs, outputs.iter().chain(&stats).chain(&self.checkpoint))
+        film::check_names(inputs, outputs.iter().chain(&stats).chain(&self.checkpoint))
     }
 
     /// The checkpoint that the render continues from, if there is one.

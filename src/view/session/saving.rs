@@ -1,11 +1,11 @@
 //! Files that a session writes: the picture, and a copy of the scene with the camera.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::picture::Viewpoint;
 use super::state::{Loaded, State};
-use crate::render::film::write_atomically;
+use crate::render::film::{check_names, is_same_file, write_atomically};
 use crate::scene::{AddedCamera, with_camera};
 use crate::view::overlay::Display;
 use crate::{Error, Result};
@@ -25,16 +25,8 @@ impl State {
 
     /// Checks that `path` is none of the files that the picture is made from, but for one that may be `replaced`.
     fn check_kept(&self, path: &Path, replaced: Option<&Path>) -> Result<()> {
-        let whole = |file: &Path| file.canonicalize().ok();
-        let is_input = whole(path).is_some_and(|path| {
-            let mut kept = self.files().into_iter().filter_map(|file| whole(&file));
-            Some(&path) != replaced.and_then(whole).as_ref() && kept.any(|file| file == path)
-        });
-        let shown = path.display();
-        match is_input {
-            true => Err(Error::Usage(format!("{shown} is an input, which would be overwritten: choose another name"))),
-            false => Ok(()),
-        }
+        let is_kept = |file: &PathBuf| !replaced.is_some_and(|replaced| is_same_file(file, replaced));
+        check_names(self.files().into_iter().filter(is_kept), [path])
     }
 
     /// Writes a copy of the scene's file that has the camera.
@@ -42,8 +34,7 @@ impl State {
         let Some(Loaded { scene, .. }) = &self.scene else { return Ok("there is no scene yet".to_owned()) };
         let shown = file.display();
         if file.exists() && !replaces {
-            let same = |file: &Path| file.canonicalize().ok();
-            let is_open = if same(file) == same(self.shown_file()) { "is the open file" } else { "exists" };
+            let is_open = if is_same_file(file, self.shown_file()) { "is the open file" } else { "exists" };
             return Err(Error::Usage(format!("{shown} {is_open}: tick `replace` to overwrite it")));
         }
         self.check_kept(file, Some(self.shown_file()))?;

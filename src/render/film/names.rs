@@ -4,21 +4,21 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use penumbra::{Error, Result};
+use crate::{Error, Result};
 
 /// Checks that each output has a name of its own.
 ///
 /// # Errors
 /// [`Error::Usage`] with the name of an output that is an input too, or another output.
-pub fn check_names<'a>(
-    inputs: impl IntoIterator<Item = &'a PathBuf>,
-    outputs: impl IntoIterator<Item = &'a PathBuf>,
+pub fn check_names(
+    inputs: impl IntoIterator<Item = impl AsRef<Path>>,
+    outputs: impl IntoIterator<Item = impl AsRef<Path>>,
 ) -> Result<()> {
-    let inputs: BTreeSet<PathBuf> = inputs.into_iter().map(|path| whole(path)).collect();
+    let inputs: BTreeSet<PathBuf> = inputs.into_iter().map(|path| whole(path.as_ref())).collect();
     let mut written = BTreeSet::new();
     for path in outputs {
-        let whole = whole(path);
-        let file = path.display();
+        let path = path.as_ref();
+        let (whole, file) = (whole(path), path.display());
         if inputs.contains(&whole) {
             return Err(Error::Usage(format!("{file} is an input, which would be overwritten: name another output")));
         }
@@ -29,15 +29,9 @@ pub fn check_names<'a>(
     Ok(())
 }
 
-/// Makes a folder for outputs, with those that it is in, unless it is there.
-///
-/// # Errors
-/// [`Error::Output`] if it cannot be made, or is something else.
-pub fn make_folder(path: &Path) -> Result<()> {
-    fs::create_dir_all(path).map_err(|problem| match path.exists() {
-        true => Error::output(path, "it is not a folder"),
-        false => Error::output(path, problem),
-    })
+/// Whether two names are those of one file.
+pub fn is_same_file(one: &Path, other: &Path) -> bool {
+    whole(one) == whole(other)
 }
 
 /// The path without links, as far as it exists.
