@@ -77,11 +77,10 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
 /// Values that are not finite or near overflow.
 fn number_warnings(totals: &Totals) -> Vec<Warning> {
     let Conditioning { not_finite, near_overflow, overruns, .. } = conditioning(totals);
-    let by_pass = by_pass(&not_finite);
     let left_out = totals.get(Counter::NotFinite);
     // The samples of rays that exceeded the loop budget are invalid, and count as not finite.
     let advice = match overruns {
-        0 => "look for extreme lights, colours or sizes in the scene",
+        0 => "dim the lights with `light_scale`, or look for extreme lights, colours or sizes in the scene",
         _ => "they include those of rays whose traversal was cut short",
     };
     vec![
@@ -89,8 +88,8 @@ fn number_warnings(totals: &Totals) -> Vec<Warning> {
             name: "not_finite",
             count: left_out.max(not_finite.total()),
             text: format!(
-                "{} not finite and left out of the image{by_pass}: {advice}",
-                count(left_out, "sample is", "samples are")
+                "the light of {} is infinite or not a number, and is missing from the image: {advice}",
+                without_light(left_out, &not_finite)
             ),
         },
         Warning {
@@ -182,9 +181,34 @@ fn procedural_warnings(totals: &Totals) -> Vec<Warning> {
     ]
 }
 
-/// The counts that are not zero, with the names of their passes.
-fn by_pass(counts: &NotFinite) -> String {
-    let named = counts.named().into_iter().filter(|(_, count)| *count > 0);
-    let named: Vec<String> = named.map(|(pass, count)| format!("{pass} {count}")).collect();
-    if named.is_empty() { String::new() } else { format!(" (by pass: {})", named.join(", ")) }
+/// What has no light because that is not finite. `samples` of pixels are left out, whichever pass made them so.
+fn without_light(samples: u64, not_finite: &NotFinite) -> String {
+    let NotFinite { flux, irradiance, gather, .. } = *not_finite;
+    let counts = [
+        (samples, "sample", "samples"),
+        (flux, "photon", "photons"),
+        (irradiance, "estimate from the photon map", "estimates from the photon map"),
+        (gather, "gather ray", "gather rays"),
+    ];
+    let named = counts.into_iter().filter(|(n, ..)| *n > 0).map(|(n, one, many)| count(n, one, many));
+    let named: Vec<String> = named.collect();
+    match named.as_slice() {
+        [first @ .., last] if !first.is_empty() => format!("{} and {last}", first.join(", ")),
+        all => all.concat(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A note says what lacks light in words, also where every sample is finite and only photons are not.
+    #[test]
+    fn what_lacks_light_is_named() {
+        let none = NotFinite::default();
+        assert_eq!(without_light(1, &NotFinite { shade: 9, ..none }), "1 sample");
+        assert_eq!(without_light(0, &NotFinite { flux: 2, ..none }), "2 photons");
+        let all = NotFinite { flux: 2, irradiance: 3, gather: 1, ..none };
+        assert_eq!(without_light(7, &all), "7 samples, 2 photons, 3 estimates from the photon map and 1 gather ray");
+    }
 }

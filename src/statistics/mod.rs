@@ -201,22 +201,10 @@ pub struct NotFinite {
 }
 
 impl NotFinite {
-    /// The counts with the names of their passes, in the order in which those run.
-    pub fn named(&self) -> [(&'static str, u64); 6] {
-        let NotFinite { flux, irradiance, gather, primary, shade, path } = *self;
-        [
-            ("flux", flux),
-            ("irradiance", irradiance),
-            ("gather", gather),
-            ("primary", primary),
-            ("shade", shade),
-            ("path", path),
-        ]
-    }
-
     /// All of them.
     pub fn total(&self) -> u64 {
-        self.named().iter().map(|(_, count)| count).sum()
+        let NotFinite { flux, irradiance, gather, primary, shade, path } = *self;
+        flux + irradiance + gather + primary + shade + path
     }
 }
 

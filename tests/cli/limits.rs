@@ -258,7 +258,7 @@ fn lights_that_are_scaled_to_nothing_or_beyond_all_numbers() {
     assert_eq!(notes(&render("--light-scale 0")), "the image is black: --light-scale is 0");
     let beyond = render("--light-scale 1e38");
     assert_eq!(notes(&beyond), "");
-    assert!(beyond.notes().iter().any(|note| note.contains("not finite")), "{:?}", beyond.answer);
+    assert!(beyond.notes().iter().any(|note| note.contains("infinite or not a number")), "{:?}", beyond.answer);
 }
 
 /// Without a light the image is black, and the note is on the cause.

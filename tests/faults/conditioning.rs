@@ -101,7 +101,7 @@ fn invalid_samples_are_dropped_and_counted_by_pass() {
         let all = u64::from(statistics.samples) * 24 * 24;
         assert!(statistics.not_finite < all, "{technique}: {} of {all} were dropped", statistics.not_finite);
         let count = statistics.not_finite.max(found.not_finite.total());
-        assert_reported(&statistics, &said, "not_finite", count, "not finite");
+        assert_reported(&statistics, &said, "not_finite", count, "infinite or not a number");
         found.not_finite
     };
     let path = pass(Technique::PATH, 4);
