@@ -6,10 +6,14 @@
 
 use std::time::Instant;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, PixelErrors};
 use super::denoise::{Colour, Denoiser, relative};
+use super::noisy::add_background;
+use super::output::Film;
+use super::picture::{behind, colour_of};
 use super::renderer::Renderer;
 use super::tiles::first_half;
 use crate::Result;
@@ -77,11 +81,13 @@ impl Renderer<'_> {
     /// The estimated relative squared error of each pixel of what `denoiser` makes of the image.
     fn squared_errors(&self, denoiser: &Denoiser) -> Result<Vec<f64>> {
         if denoiser.choice() != Denoise::None
-            && let Some(denoised) = denoiser.denoise(self.gpu, &self.noisy()?)?
-            && let Some(error) = denoised.error
+            && let Some(mut denoised) = denoiser.denoise(self.gpu, &self.noisy()?)?
         {
-            let pixel = |(colour, error): (_, &Colour)| relative(colour, |c| f64::from(error[c]).powi(2));
-            return Ok(denoised.colour.iter().zip(&error).map(pixel).collect());
+            add_background(&mut denoised, &Film::of(self), self.settings.image.background)?;
+            if let Some(error) = &denoised.error {
+                let pixel = |(colour, error): (_, &Colour)| relative(colour, |c| f64::from(error[c]).powi(2));
+                return Ok(denoised.colour.iter().zip(error).map(pixel).collect());
+            }
         }
         self.raw_errors()
     }
@@ -90,6 +96,7 @@ impl Renderer<'_> {
     fn raw_errors(&self) -> Result<Vec<f64>> {
         let width = self.settings.image.part().width as usize;
         let samples: Vec<u32> = self.samples_of_all().collect();
+        let background = colour_of(self.settings.image.background);
         let mut colours = Vec::new();
         for tile in &self.view.tiles {
             let samples = &samples[colours.len()..][..tile.rows().len() * width];
@@ -99,7 +106,7 @@ impl Renderer<'_> {
                 Ok([plane.state(self.gpu)?, even.state(self.gpu)?, odd.state(self.gpu)?])
             });
             let parts = parts.collect::<Result<Vec<_>>>()?;
-            let pixel = |(pixel, samples): (usize, &u32)| colours_of(&parts, pixel, *samples);
+            let pixel = |(pixel, samples): (usize, &u32)| colours_of(&parts, background, pixel, *samples);
             colours.par_extend(samples.par_iter().enumerate().map(pixel));
         }
         let whole: Vec<Colour> = colours.par_iter().map(|[whole, ..]| *whole).collect();
@@ -179,17 +186,20 @@ impl Renderer<'_> {
 }
 
 /// The colours of a pixel by all of its samples and by two halves, from the states of the planes of each part of the
-/// light: its sum and the two snapshots.
-fn colours_of(parts: &[[Vec<u32>; 3]], pixel: usize, samples: u32) -> [Colour; 3] {
+/// light: its sum and the two snapshots. The first part has the coverage, which says how much of a `background` they
+/// show.
+fn colours_of(parts: &[[Vec<u32>; 3]], background: Option<DVec3>, pixel: usize, samples: u32) -> [Colour; 3] {
     let half = first_half(samples);
     let mut colours = [[0.0; 3]; 3];
-    for [whole, even, odd] in parts {
+    let backgrounds = std::iter::once(background).chain(std::iter::repeat(None));
+    for ([whole, even, odd], background) in parts.iter().zip(backgrounds) {
         let whole = Plane::sum_of(whole, pixel, samples);
         let first = Plane::sum_of(if half.ilog2().is_multiple_of(2) { even } else { odd }, pixel, half);
         // A pixel without finite samples in one half does not show its error: it counts as exact.
         let of_half = |half: Sum| if half.kept > 0.0 { half.mean() } else { whole.mean() };
         for (colour, mean) in colours.iter_mut().zip([whole.mean(), of_half(first), of_half(whole.without(&first))]) {
-            *colour = [0, 1, 2].map(|c| colour[c] + mean[c] as f32);
+            let behind = background.map_or(DVec3::ZERO, |background| behind(background, &mean));
+            *colour = [0, 1, 2].map(|c| colour[c] + (mean[c] + behind[c]) as f32);
         }
     }
     colours

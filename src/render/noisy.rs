@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::denoise::chance::{Seen, settled};
 use super::denoise::mixture::of_regions;
-use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part, RELMSE_FLOOR, relative};
+use super::denoise::{Colour, Denoised, Denoiser, Guides, Light, Noisy, Part, RELMSE_FLOOR, relative};
 use super::picture::{Quantity, Sums, behind, colour_of, means};
 use super::tiles::first_half;
 use crate::passes::film::{Sum, variance_of_mean};
@@ -27,28 +27,33 @@ pub(super) fn add_denoised(
     if denoiser.is_quick {
         noisy.halves = None;
     }
-    let Some(denoised) = denoiser.denoise(gpu, &noisy)? else { return Ok(()) };
-    let (mut colours, mut errors) = (denoised.colour, denoised.error);
-    if let (Some(errors), Some(shared)) = (&mut errors, sums.shared_errors()) {
-        add_shared(errors, &colours, shared, &noisy);
+    let Some(mut denoised) = denoiser.denoise(gpu, &noisy)? else { return Ok(()) };
+    if let (Some(errors), Some(shared)) = (&mut denoised.error, sums.shared_errors()) {
+        add_shared(errors, &denoised.colour, shared, &noisy);
     }
-    if let Some(background) = colour_of(background) {
-        let means = means(sums, Quantity::Direct)?.unwrap_or_default();
-        for (colour, mean) in colours.iter_mut().zip(&means) {
-            let behind = behind(background, mean);
-            *colour = [0, 1, 2].map(|c| colour[c] + behind[c] as f32);
-        }
-        if let Some(errors) = &mut errors {
-            for (error, variance) in errors.iter_mut().zip(coverage_variances(sums, &means)?) {
-                *error = [0, 1, 2].map(|c| f64::from(error[c]).hypot(background[c] * variance.sqrt()) as f32);
-            }
-        }
-    }
-    if let Some(errors) = errors {
-        push_errors(image, &colours, &errors);
+    add_background(&mut denoised, sums, background)?;
+    if let Some(errors) = &denoised.error {
+        push_errors(image, &denoised.colour, errors);
     }
     for (c, name) in ["denoised.R", "denoised.G", "denoised.B"].into_iter().enumerate() {
-        image.add_channel(name, colours.iter().map(|colour| colour[c]).collect());
+        image.add_channel(name, denoised.colour.iter().map(|colour| colour[c]).collect());
+    }
+    Ok(())
+}
+
+/// Adds the part of a background's colour that is seen in each pixel to an image without noise, and the error of that
+/// part to its errors.
+pub(super) fn add_background(denoised: &mut Denoised, sums: &dyn Sums, background: Background) -> Result<()> {
+    let Some(background) = colour_of(background) else { return Ok(()) };
+    let means = means(sums, Quantity::Direct)?.unwrap_or_default();
+    for (colour, mean) in denoised.colour.iter_mut().zip(&means) {
+        let behind = behind(background, mean);
+        *colour = [0, 1, 2].map(|c| colour[c] + behind[c] as f32);
+    }
+    if let Some(errors) = &mut denoised.error {
+        for (error, variance) in errors.iter_mut().zip(coverage_variances(sums, &means)?) {
+            *error = [0, 1, 2].map(|c| f64::from(error[c]).hypot(background[c] * variance.sqrt()) as f32);
+        }
     }
     Ok(())
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use penumbra::internal::scene::ImportOptions;
-use penumbra::settings::{Crop, Denoise, Sampling};
+use penumbra::settings::{Background, Crop, Denoise, Sampling};
 use penumbra::{Aov, Denoiser, Image, Renderer, Scene, Settings, Technique};
 
 use crate::setup::{gpu, render, scene_file};
@@ -98,6 +98,26 @@ fn samples_go_where_the_noise_is() {
         let error = relmse(&image.denoised().unwrap_or_else(|| image.clone()), &reference);
         // Many blocks have far less; estimates from halves are too large for stratified samples, by up to 4.
         assert!(error < noise && error > noise / 40.0, "{:?}: {error}", denoiser.choice());
+    }
+}
+
+/// The noise of edges before a colour counts, though they have no light of their own: the image has the error that was
+/// requested, without and with a denoiser.
+#[test]
+fn edges_before_a_background_get_samples() {
+    let statistical = Denoiser::new(Denoise::Statistical, None).unwrap();
+    let noise = 2e-4;
+    for denoiser in [Denoiser::default(), statistical] {
+        let settings = settings(Technique::PATH, [64, 64], 0)
+            .with(|s| (s.light_scale, s.image.background) = (0.0, Background::Colour([1.0; 3])));
+        let image = adaptive("sphere.glb", &settings, noise, &denoiser);
+        let most = image.channel("samples").unwrap().iter().fold(0f32, |most, n| most.max(*n));
+        assert!(most >= 64.0, "{:?}: {most}", denoiser.choice());
+        // What is seen is the colour alone, as far as no surface covers it.
+        let reference = settings.with(|s| (s.image.spp, s.image.seed) = (1024, 1));
+        let (reference, _) = render(&scene_file("sphere.glb"), &reference);
+        let error = relmse(&image.denoised().unwrap_or(image), &reference);
+        assert!(error < noise, "{:?}: {error}", denoiser.choice());
     }
 }
 
