@@ -3,9 +3,11 @@
 use std::fmt::Write;
 
 use kernel_kit::Feature as _;
+use penumbra::internal::render::host_memory::ImageMemory;
 use penumbra::internal::report::prediction::{self, Prediction};
 use penumbra::internal::report::run::Subject;
-use penumbra::internal::specialisation::{Deferred, Item, Specialisation};
+use penumbra::internal::specialisation::{Deferred, Item, Specialisation, bytes_text};
+use penumbra::settings::Denoise;
 use penumbra::{Result, Scene, Settings};
 use serde::Serialize;
 
@@ -46,6 +48,7 @@ struct Plan {
     left_out: Vec<Item>,
     deferred: &'static [Deferred],
     notes: Vec<String>,
+    memory: Memories,
     /// Empty without --predict.
     predictions: Vec<Prediction>,
 }
@@ -59,6 +62,13 @@ struct Counts {
     images: usize,
     lights: usize,
     cameras: usize,
+}
+
+/// The memory of the image alone, without and with a denoiser: a plan does not have the outputs that decide.
+#[derive(Serialize)]
+struct Memories {
+    raw: ImageMemory,
+    denoised: ImageMemory,
 }
 
 impl Counts {
@@ -79,7 +89,13 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.settings.check(&arguments.part)?;
     let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
     let settings = arguments.settings.settings(&camera, &arguments.part)?;
-    let Specialisation { kept, left_out, .. } = Specialisation::new(&scene, Some(&camera), &settings);
+    let specialisation = Specialisation::new(&scene, Some(&camera), &settings);
+    let denoised = settings.clone().with(|s| s.image.denoise = Denoise::Auto);
+    let memory = Memories {
+        raw: ImageMemory::new(&specialisation, &settings),
+        denoised: ImageMemory::new(&Specialisation::new(&scene, Some(&camera), &denoised), &denoised),
+    };
+    let Specialisation { kept, left_out, .. } = specialisation;
     let mut predictions = Vec::new();
     if arguments.predict {
         let gpu = arguments.device.open()?;
@@ -97,6 +113,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         left_out,
         deferred: Deferred::ALL,
         notes: scene.notes,
+        memory,
         predictions,
     };
     if arguments.json {
@@ -135,8 +152,18 @@ impl Plan {
         for Deferred { feature, reason } in self.deferred {
             let _ = writeln!(text, "  {:name_width$}  {reason}", feature.name());
         }
+        self.add_memory(&mut text);
         self.add_predictions(&mut text);
         text
+    }
+
+    fn add_memory(&self, text: &mut String) {
+        let Memories { raw, denoised } = &self.memory;
+        let _ = writeln!(text, "\nmemory of the image, at least");
+        for (name, ImageMemory { host, film }) in [("raw", raw), ("denoised", denoised)] {
+            let (host, film) = (bytes_text(*host), bytes_text(*film));
+            let _ = writeln!(text, "  {name:8}  {host:>10} of the machine  {film:>10} of the device");
+        }
     }
 
     fn add_predictions(&self, text: &mut String) {

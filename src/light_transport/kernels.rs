@@ -84,6 +84,8 @@ pub(crate) struct IndirectKernels {
     pub cache: Option<CacheKernels>,
     pub path: Option<Path>,
     pub features: Features,
+    /// See [`Specialisation::has_indirect_light`].
+    pub has_light: bool,
 }
 
 impl IndirectKernels {
@@ -100,11 +102,12 @@ impl IndirectKernels {
                 )
             },
         );
-        Ok(IndirectKernels { global_map: map?, cache: cache?, path: path?, features: features.clone() })
-    }
-
-    /// Whether there is light besides separate direct light.
-    pub fn has_light(&self) -> bool {
-        self.path.is_some() || self.global_map.is_some()
+        Ok(IndirectKernels {
+            global_map: map?,
+            cache: cache?,
+            path: path?,
+            features: features.clone(),
+            has_light: specialisation.has_indirect_light(),
+        })
     }
 }

@@ -190,6 +190,9 @@ impl Film {
 }
 
 impl Plane {
+    /// Bytes of a pixel on the device.
+    pub const PIXEL_BYTES: u64 = 2 * size_of::<[f32; 4]>() as u64;
+
     /// Adds the samples of the tile's points.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
         self.record_from(frame, tile, 0);
@@ -241,7 +244,7 @@ impl Plane {
 
     /// Number of words of [`Plane::state`].
     pub fn state_words(&self) -> usize {
-        2 * 4 * self.pixels as usize
+        (self.bytes() / 4) as usize
     }
 
     /// Restores a state that [`Plane::state`] returned.
@@ -253,6 +256,6 @@ impl Plane {
 
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
-        self.sums.bytes + self.compensations.bytes
+        u64::from(self.pixels) * Self::PIXEL_BYTES
     }
 }

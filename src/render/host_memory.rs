@@ -2,42 +2,79 @@
 //! word.
 
 use glam::DVec4;
-use kernel_kit::Gpu;
+use serde::Serialize;
 
 use super::denoise::Colour;
-use super::tiles::TileFilm;
 use crate::passes::film::{Plane, Sum};
 use crate::settings::stages::grows;
 use crate::settings::{Aov, Denoise, Settings};
+use crate::specialisation::Specialisation;
+use crate::specialisation::features::{Feature, Features};
 use crate::{Error, Result, memory};
 
-/// Bytes of a sample of a channel, and of a colour that denoisers take.
+/// Bytes of a sample of a channel, of a colour that denoisers take, and of a number in a mean over a region.
 const CHANNEL: u64 = size_of::<f32>() as u64;
 const COLOUR: u64 = size_of::<Colour>() as u64;
+const NUMBER: u64 = size_of::<f64>() as u64;
 
 /// Bytes of a pixel while the input of denoisers is made, without what each part of the light has: the means of three
 /// guides in both precisions, the sums of one part of the light, and the coverage.
-const INPUT: u64 = 3 * (size_of::<DVec4>() as u64 + COLOUR) + size_of::<Sum>() as u64 + size_of::<f64>() as u64;
+const INPUT: u64 = 3 * (size_of::<DVec4>() as u64 + COLOUR) + size_of::<Sum>() as u64 + NUMBER;
 
-/// Refuses an image that has no room in the memory that is available. `row` is a row of its film, on `gpu`.
+/// Bytes of a pixel while the errors of a mixture are estimated, without the parts of the light: the guides; the raw
+/// image and its halves; those of one filter; the variance; the mixture and its halves; weights of the squares (3) and
+/// of the filter (1), means of noise (4), distributions (6); the ratio of the noise, and whether the pixel is clean.
+const MIXTURE: u64 = (3 + 3 + 3 + 1 + 3) * COLOUR + (3 + 1 + 4 + 6) * NUMBER + CHANNEL + 1;
+
+/// Bytes that an image takes at least, so that no render is refused that would succeed.
 ///
-/// What counts is the minimum, so that no render is refused that would succeed: sums of samples where they are in
-/// the machine's memory, and what the image and its denoisers take at the end. Renders of `scenes/box.glb` with `path`
-/// and 2,048 x 2,048 pixels on lavapipe had peaks of 145 bytes per pixel, or 586 with a denoiser and a single sample,
-/// apart from what small images take. Less the copy of the state, which is made only where it has room, these are 81
-/// and 426. Here they count as 80 and 404.
+/// Renders of `scenes/box.glb` with `path` on lavapipe had peaks per pixel, apart from what small images take, of 145
+/// bytes, or 586 with the statistical denoiser and a single sample, or 1,151 with two. Less the copy of the state,
+/// which is made only where it has room, these are 81, 426 and 799. Here they count as 80, 404 and 785. What Open Image
+/// Denoise takes for itself is left out: it may do with less.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct ImageMemory {
+    /// In the machine's memory: the channels, and what denoisers take at the end.
+    pub host: u64,
+    /// On the device: the sums of samples. Those of a piece, and the buffers of a software device, are in the machine's
+    /// memory.
+    pub film: u64,
+}
+
+impl ImageMemory {
+    /// What the image of such settings takes, by what a scene and these need.
+    pub fn new(specialisation: &Specialisation, settings: &Settings) -> ImageMemory {
+        ImageMemory::of(&specialisation.features, specialisation.has_indirect_light(), settings)
+    }
+
+    /// [`ImageMemory::new`] by its features.
+    pub(super) fn of(features: &Features, has_indirect: bool, settings: &Settings) -> ImageMemory {
+        let part = settings.image.part();
+        let pixels = u64::from(part.width) * u64::from(part.height);
+        ImageMemory {
+            host: pixels * bytes_of_image(settings, has_indirect),
+            film: pixels * planes(features, has_indirect, settings) * Plane::PIXEL_BYTES,
+        }
+    }
+
+    /// Refuses an image that has no room in the memory that is available.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub(super) fn check(self, is_software: bool, settings: &Settings) -> Result<()> {
+        let part = settings.image.part();
+        let film = if is_software || settings.image.piece.is_some() { self.film } else { 0 };
+        refuse_without_room([part.width, part.height], self.host + film, || remedy(settings))
+    }
+}
+
+/// Refuses an image of `size` that needs more bytes than are available.
 ///
 /// # Errors
 /// [`Error::Memory`].
-pub(super) fn check(gpu: &Gpu, row: &TileFilm, settings: &Settings) -> Result<()> {
-    let part = settings.image.part();
-    let pixels = u64::from(part.width) * u64::from(part.height);
-    let sums = u64::from(part.height) * bytes_of_sums(gpu, row, settings);
-    let needed = sums + pixels * bytes_of_image(settings, row.indirect.is_some());
+pub(super) fn refuse_without_room(size: [u32; 2], needed: u64, remedy: impl Fn() -> String) -> Result<()> {
     match memory::available_with_swap() {
-        Some(available) if needed > available => {
-            Err(Error::Memory { size: [part.width, part.height], needed, available, remedy: remedy(settings) })
-        }
+        Some(available) if needed > available => Err(Error::Memory { size, needed, available, remedy: remedy() }),
         _ => Ok(()),
     }
 }
@@ -49,28 +86,44 @@ pub(super) fn has_room(bytes: u64, settings: &Settings, has_indirect: bool) -> b
     memory::available().is_none_or(|available| bytes + image <= available)
 }
 
-/// Bytes of a row's sums in the machine's memory. That is where software devices have their buffers, and all devices
-/// the sums of a piece.
-fn bytes_of_sums(gpu: &Gpu, row: &TileFilm, settings: &Settings) -> u64 {
-    if settings.image.piece.is_none() && !gpu.info.is_software() {
-        return 0;
-    }
-    // The second is not filled by a single sample, which a render that is to end in time may have.
-    let snapshots = row.parts.iter().map(|part| &part.snapshots[0]);
-    row.sample_planes().chain(snapshots).map(Plane::bytes).sum()
+/// Whether there is a second sample: a render that is to end in time may have a single one.
+fn has_second_sample(settings: &Settings) -> bool {
+    (2..Settings::UNLIMITED_SPP).contains(&settings.image.spp)
+}
+
+/// The number of planes of the film that samples fill. Those of classes are left out, as in [`channels`].
+fn planes(features: &Features, has_indirect: bool, settings: &Settings) -> u64 {
+    let has = |feature| u64::from(features.has(feature));
+    let parts = 1 + u64::from(has_indirect);
+    let aovs = [Feature::AovAlbedo, Feature::AovNormal, Feature::AovPosition].map(has).iter().sum::<u64>();
+    let variance = u64::from(settings.image.aovs.contains(&Aov::Variance));
+    // The second snapshot is not filled by a single sample.
+    let snapshots = 1 + u64::from(has_second_sample(settings));
+    let of_errors = if settings.estimates_error() { parts * (snapshots + has(Feature::Guides)) } else { 0 };
+    parts + aovs + variance + 3 * has(Feature::Guides) + of_errors
 }
 
 /// Bytes of a pixel's channels, and of what denoisers take.
 fn bytes_of_image(settings: &Settings, has_indirect: bool) -> u64 {
-    let channels: u64 = settings.image.aovs.iter().map(|aov| channels_of(*aov)).sum();
-    // R, G, B and A; and means from which the growth of indirect light is decided, if there is a second sample.
-    let has_means = grows(settings) && has_indirect && (2..Settings::UNLIMITED_SPP).contains(&settings.image.spp);
-    let raw = CHANNEL * (4 + channels + u64::from(has_means));
+    // Means from which the growth of indirect light is decided, if there is a second sample.
+    let has_means = grows(settings) && has_indirect && has_second_sample(settings);
+    let raw = channels(&settings.image.aovs) + CHANNEL * u64::from(has_means);
     if settings.image.denoise == Denoise::None || settings.image.piece.is_some() {
         return raw;
     }
-    // Mean and variance of each part of the light. Halves of the samples are not there after a single one.
-    raw + INPUT + 2 * COLOUR * (1 + u64::from(has_indirect))
+    raw + denoisers(has_indirect, has_second_sample(settings))
+}
+
+/// Bytes of a pixel that denoisers take. Halves of the samples are there after the second one.
+pub(super) fn denoisers(has_indirect: bool, has_halves: bool) -> u64 {
+    let parts = 1 + u64::from(has_indirect);
+    // Mean and variance of each part of the light, and of its halves.
+    if has_halves { MIXTURE + 3 * 2 * COLOUR * parts } else { INPUT + 2 * COLOUR * parts }
+}
+
+/// Bytes of a pixel's channels: R, G, B and A, and those of AOVs.
+pub(super) fn channels(aovs: &[Aov]) -> u64 {
+    CHANNEL * (4 + aovs.iter().map(|aov| channels_of(*aov)).sum::<u64>())
 }
 
 /// Number of channels of an AOV. Those of `shadow` are left out: few images with them are large.

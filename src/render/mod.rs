@@ -22,7 +22,7 @@ pub mod denoise;
 mod denoised;
 pub mod film;
 mod growth;
-mod host_memory;
+pub mod host_memory;
 mod image_notes;
 mod inspection;
 mod noisy;

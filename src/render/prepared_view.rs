@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
-use super::host_memory;
+use super::host_memory::ImageMemory;
 use super::tiles::{TileFilm, TileSize};
 use crate::Result;
 use crate::gpu_scene::{CameraUniform, GpuScene};
@@ -56,9 +56,9 @@ impl ViewOf<'_> {
         let ViewOf { gpu, scene, gpu_scene, features, camera, settings } = *self;
         let tile_size = TileSize::new(features, scene.lights.len(), settings)?;
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
-        let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.has_light())?;
-        let row = TileFilm::new(gpu, &film, &buffers, None, [0, 1], settings)?;
-        host_memory::check(gpu, &row, settings)?;
+        let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.has_light)?;
+        let memory = ImageMemory::of(features, indirect_kernels.has_light, settings);
+        memory.check(gpu.info.is_software(), settings)?;
         let primary = primary.bind(gpu, &buffers, gpu_scene)?;
         let stage = stage(settings, 0, grows(settings));
         let mut first_pass = FirstPass {

@@ -120,7 +120,7 @@ impl TileFilm {
     }
 
     /// Empty films of some rows.
-    pub fn new(
+    fn new(
         gpu: &Gpu,
         film: &Film,
         buffers: &TileBuffers,

@@ -95,6 +95,11 @@ impl Specialisation {
         !settings.technique.uses_cells() && !settings.technique.uses_light_buffers()
     }
 
+    /// Whether there is light besides separate direct light.
+    pub(crate) fn has_indirect_light(&self) -> bool {
+        self.traces_paths || self.features.has(Feature::GlobalMap)
+    }
+
     fn of_lens(&mut self, camera: Option<&Camera>) {
         let why = "the camera has an iris".to_owned();
         let cost = "a point of the iris for every camera ray; 16 B per point";

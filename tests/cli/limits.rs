@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use penumbra::Image;
 use serde_json::{Value, json};
 
-use crate::program::{Answer, BOX, device, folder, run};
+use crate::program::{Answer, BOX, device, folder, lacks, run};
 
 /// Albedo of the wall, and its radiance under the irradiance pi or in an environment of radiance 1.
 const ALBEDO: f64 = 0.5;
@@ -201,13 +201,7 @@ fn one_pixel_of_one_sample() {
 fn an_image_that_does_not_fit_the_memory() {
     // The sums of thirteen quantities in 32 bytes, 24 channels in 4, and what denoisers take.
     let needed = 16_384 * 16_384 * (13 * 32 + 24 * 4);
-    let info = fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let total = |name: &str| -> Option<u64> {
-        info.lines().find_map(|line| line.strip_prefix(name))?.trim().strip_suffix(" kB")?.parse().ok()
-    };
-    let (Some(memory), Some(swap)) = (total("MemTotal:"), total("SwapTotal:")) else { return };
-    if (memory + swap) * 1024 > needed {
-        eprintln!("this machine may have room for it");
+    if !lacks(needed) {
         return;
     }
     let folder = folder();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use penumbra::Image;
 
-use crate::program::{Answer, BOX, device, folder, penumbra, run};
+use crate::program::{Answer, BOX, device, folder, lacks, penumbra, run};
 
 fn render(arguments: &str, output: &Path) -> Answer {
     let common = "--technique path --max-bounces 1 --spp 6 --width 20 --height 12";
@@ -79,6 +79,32 @@ fn merged_pieces_are_denoised() {
     render("--samples 0..6", &plain).assert_done();
     merge(&denoise, &[&plain], &exr).assert_refused(3, &["plain.exr", "--denoise was none"]);
     merge(&format!("{denoise} --partial"), &[&a], &exr).assert_refused(2, &["--partial"]);
+}
+
+/// Pieces of an image that no memory can hold are refused before anything of its size is made.
+#[test]
+fn a_merged_image_that_does_not_fit_the_memory() {
+    // Of each pixel 24 channels, the number of samples, and four vectors of doubles of which channels are made.
+    let needed = 16_384 * 16_384 * (24 * 4 + 4 + 4 * 32);
+    if !lacks(needed) {
+        return;
+    }
+    let folder = folder();
+    let [piece, output] = ["piece.exr", "whole.exr"].map(|name| folder.path().join(name));
+    let aovs = "--aov direct,indirect,albedo,N,P,Z,variance,samples";
+    let part = format!("--samples 0..6 --crop 0,0,4,4 --denoise statistical {aovs}");
+    let common = "--technique path --max-bounces 1 --spp 6 --width 16384 --height 16384";
+    let mut command = penumbra(&format!("render --device {} {common} {part}", device()), &[&BOX]);
+    Answer::of(command.arg("-o").arg(&piece)).assert_done();
+    let answer = merge("--partial", &[&piece], &output);
+    let size = "an image of 16384 x 16384 pixels needs at least ";
+    // After the note on what is missing.
+    assert_eq!(answer.code, Some(1), "{answer:?}");
+    let words = [size, "GB are available", "merge pieces of fewer --aov"];
+    assert!(words.iter().all(|word| answer.stderr.contains(word)), "{answer:?}");
+    let stated = answer.stderr.split_once(size).and_then(|(_, rest)| rest.split(' ').next()?.parse::<f64>().ok());
+    assert!(stated.is_some_and(|gigabytes| gigabytes * 1e9 >= needed as f64), "{answer:?}");
+    assert!(!output.exists());
 }
 
 #[test]

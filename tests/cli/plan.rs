@@ -118,6 +118,34 @@ fn the_text_says_what_the_json_says() {
     }
 }
 
+/// The film of a plan is that of the render: one more row of an image whose tiles are full takes what the plan says,
+/// for all quantities that are summed. Without a denoiser it is less.
+#[test]
+fn the_plan_says_how_much_memory_the_image_takes() {
+    let folder = folder();
+    // 32 rows fill a tile, so that all other buffers have the same size.
+    let of = |rows: u32| -> [u64; 2] {
+        let arguments = format!(
+            "--device software --width 16384 --height {rows} --spp 2 --technique path --max-bounces 1 \
+             --aov albedo,N,P,Z,variance"
+        );
+        let plan = run(&format!("plan --json {arguments}"), &[&BOX]).json();
+        let memory = |name: &str, key: &str| plan["memory"][name][key].as_u64().unwrap();
+        assert!(
+            memory("raw", "film") < memory("denoised", "film") && memory("raw", "host") < memory("denoised", "host")
+        );
+        let [image, statistics] = ["a.exr", "a.json"].map(|name| folder.path().join(name));
+        let render = format!("render {arguments} --denoise statistical --stats");
+        run(&render, &[&statistics, &"-o", &image, &BOX]).assert_done();
+        let statistics: Value = serde_json::from_slice(&fs::read(statistics).unwrap()).unwrap();
+        [memory("denoised", "film"), statistics["memory"]["frame"].as_u64().unwrap()]
+    };
+    let ([planned, frame], [more_planned, more_frame]) = (of(32), of(33));
+    assert_eq!(more_planned - planned, more_frame - frame);
+    // Direct and indirect light, albedo, normal, position, squares; three guides; of both parts squares and snapshots.
+    assert_eq!(planned, 16_384 * 32 * (6 + 3 + 2 * 3) * 32);
+}
+
 /// Predictions are of an image of the requested samples, each by a technique that the settings allow. The noise of
 /// `path`, whose samples share nothing, falls with their number. Without `--predict` no device is opened.
 #[test]

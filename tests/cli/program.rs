@@ -97,3 +97,16 @@ impl From<Output> for Answer {
         Answer { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
     }
 }
+
+/// Whether the machine certainly has fewer bytes of memory than these.
+pub fn lacks(bytes: u64) -> bool {
+    let info = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let total = |name: &str| -> Option<u64> {
+        info.lines().find_map(|line| line.strip_prefix(name))?.trim().strip_suffix(" kB")?.parse().ok()
+    };
+    let lacks = total("MemTotal:").zip(total("SwapTotal:")).is_some_and(|(ram, swap)| (ram + swap) * 1024 <= bytes);
+    if !lacks {
+        eprintln!("this machine may have room for it");
+    }
+    lacks
+}

@@ -3,14 +3,16 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use glam::DVec4;
 use kernel_kit::Gpu;
 
 use super::coverage::{Cells, Extent, MissingSamples, is_within, missing, overlap};
 use super::file::{DESCRIPTION, Description, File, Whole};
-use super::sums::{Node, Total, first_half_totals, push, totals};
+use super::sums::{Node, Total, first_half_totals, nodes_of, push, totals};
 use crate::passes::film::Sum;
 use crate::render::denoise::Denoiser;
 use crate::render::film::{Channel, Image, Metadata};
+use crate::render::host_memory::{channels, denoisers, refuse_without_room};
 use crate::render::noisy::add_denoised;
 use crate::render::picture::{Picture, Quantity, Sums};
 use crate::settings::{Background, Crop};
@@ -77,9 +79,39 @@ impl Pieces {
     /// without samples are black. One piece at a time is in memory.
     ///
     /// # Errors
-    /// [`Error::Input`] that names a file that is damaged.
+    /// [`Error::Input`] that names a file that is damaged; [`Error::Memory`] if the machine has too little.
     pub fn merge(&self) -> Result<Image> {
+        self.check_memory(0, "merge pieces of fewer `image.aovs` or of a smaller image")?;
         self.merge_and(|_, _| Ok(()))
+    }
+
+    /// Refuses pieces that have no room in the memory that is available: without it the system would end the process
+    /// without a word. `denoisers` are the bytes that they take of a pixel.
+    fn check_memory(&self, denoisers: u64, remedy: &str) -> Result<()> {
+        let Whole { size: [width, height], half, ref quantities, .. } = self.whole;
+        let total = (quantities.len() * size_of::<Total>()) as u64;
+        // Descriptions may state any size.
+        let bytes = |crop: &Crop, each: u64| (u64::from(crop.width) * u64::from(crop.height)).saturating_mul(each);
+        let mut sums = 0u64;
+        for cell in Cells::new(self.whole.size, &self.extents()).all() {
+            let mut nodes = Vec::new();
+            for (_, piece) in self.files.iter().filter(|(_, piece)| is_within(&cell, &piece.crop())) {
+                let ranges = nodes_of(piece.range(), half);
+                ranges.into_iter().for_each(|range| push(&mut nodes, Node { range, quantities: Vec::new() }, half));
+            }
+            sums = sums.saturating_add(bytes(&cell, nodes.len() as u64 * total));
+        }
+        // The totals of a file are in its channels first.
+        let read = |(_, piece): &(PathBuf, Description)| {
+            bytes(&piece.crop(), 2 * nodes_of(piece.range(), half).len() as u64 * total)
+        };
+        let file = self.files.iter().map(read).max().unwrap_or(0);
+        // Channels are made from means of direct light, of indirect light, of their sum and of what is shown.
+        let means = 4 * size_of::<DVec4>() as u64;
+        let pixel = size_of::<u32>() as u64 + channels(&self.whole.aovs().unwrap_or_default()) + means.max(denoisers);
+        let all = Crop { x: 0, y: 0, width, height };
+        let needed = file.max(sums.saturating_add(bytes(&all, pixel)));
+        refuse_without_room(self.whole.size, needed, || remedy.to_owned())
     }
 
     /// Whether they keep what denoisers need.
@@ -102,6 +134,8 @@ impl Pieces {
         if !self.missing().is_empty() {
             return refuse("lack samples, and denoisers need all of them");
         }
+        let has_indirect = self.whole.quantities.contains(&Quantity::Indirect);
+        self.check_memory(denoisers(has_indirect, self.whole.half.is_some()), "choose `image.denoise` none")?;
         let (size, background) = (self.whole.size, self.whole.background());
         self.merge_and(|image, merged| add_denoised(image, denoiser, gpu, merged, size, background))
     }
