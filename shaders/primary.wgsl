@@ -58,7 +58,7 @@ fn primary(
     let i = pixel_by_pixel(tile, invocation);
     let seed = pixel_seed(tile, i);
     let sample_index = tile_sample(tile, i);
-    let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.centred == 0u);
+    let within = (1.0 - tile.centred) * sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)) + 0.5 * tile.centred;
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     @if(!thin_lens) let camera = camera_ray(film);
     @if(thin_lens) let camera = through_lens(camera_ray(film), sobol2(sample_index, hash2(seed, DIMENSION_LENS)));

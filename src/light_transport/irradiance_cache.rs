@@ -227,7 +227,10 @@ impl Records {
                 pixel_count,
                 point_count: pixel_count,
                 seed: image.seed,
-                centred: 1,
+                // Anywhere in one pixel of the image. Centres may all lie exactly on the edge of two surfaces, as on
+                // the diagonals of a room seen from the front. Rounding puts such a point on either side of the other
+                // surface, and from a record there half of the gather rays see what is behind it.
+                centred: 1.0 - 1.0 / spacing as f32,
                 ..Tile::default()
             };
             let mut frame = gpu.frame("cache");

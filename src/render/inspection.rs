@@ -56,6 +56,6 @@ impl Renderer<'_> {
     fn centres(&self, film: &TileFilm) -> Tile {
         self.view.buffers.sampled_pixels.iter().for_each(|sampled| sampled.set_all(self.gpu));
         let pixels = film.rows().len() as u32 * self.settings.image.part().width;
-        Tile { centred: 1, ..film.tile(&self.settings, pixels, 0, 1) }
+        Tile { centred: 1.0, ..film.tile(&self.settings, pixels, 0, 1) }
     }
 }

@@ -243,7 +243,7 @@ impl TileFilm {
             point_count: pixel_count * layers,
             first_sample,
             seed: image.seed,
-            centred: u32::from(image.spp == 1),
+            centred: f32::from(image.spp == 1),
             ..Tile::default()
         }
     }

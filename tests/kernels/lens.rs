@@ -30,7 +30,7 @@ fn see(gpu: &Gpu, camera: &Camera, layers: u32) -> Vec<Seen> {
     let scene = scene(&[(wall, surface(0.5, 1.0))], Vec::new());
     let stage =
         Stage::new(gpu, scene, camera, SIZE, Technique::TWO_PASS, |features| features.with(Feature::ThinLens, true));
-    let tile = Tile { centred: 1, ..whole(SIZE, layers) };
+    let tile = Tile { centred: 1.0, ..whole(SIZE, layers) };
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
     let mut frame = gpu.frame("test");

@@ -498,7 +498,7 @@ fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
     for camera in cameras() {
         for size in [[1, 1], [63, 1], [64, 1], [13, 5], [120, 90]] {
             let stage = stage(gpu, &camera, size);
-            let tile = Tile { centred: 1, ..whole(size, 1) };
+            let tile = Tile { centred: 1.0, ..whole(size, 1) };
             let outcome = run(gpu, &stage, &tile);
             let count = tile.pixel_count as usize;
             let (mut doubtful, mut missed) = (0, 0);
@@ -553,7 +553,7 @@ fn trace_chains(gpu: &Gpu, scene: Scene, camera: &Camera, size: [u32; 2], sample
             .with(Feature::Guides, true)
     });
     assert!(stage.features.has(Feature::SpecularChains), "no mirror and no clear glass");
-    let tile = Tile { centred: 1, ..whole(size, samples) };
+    let tile = Tile { centred: 1.0, ..whole(size, samples) };
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let count = tile.point_count as usize;
     let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
@@ -759,7 +759,7 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs(gpu: &Gpu) {
         let buffers = TileBuffers::new(gpu, &stage.features, 1, false).unwrap();
         let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();
         let mut frame = gpu.frame("test");
-        bound.record(&mut frame, &Tile { centred: 1, ..whole([1, 1], 1) });
+        bound.record(&mut frame, &Tile { centred: 1.0, ..whole([1, 1], 1) });
         frame.submit().unwrap();
         let packed: Vec<[u32; 4]> = gpu.read(&buffers.surfaces.buffer, 3).unwrap();
         assert_surface(&packed, &material, tangent);
