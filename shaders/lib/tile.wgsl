@@ -21,8 +21,8 @@ struct Tile {
     // Sample index of the first layer, and the render's seed.
     first_sample: u32,
     seed: u32,
-    // 1: rays go through the centre of the pixel (a render of one sample), 0: anywhere in it (box filter). Between,
-    // they go through a square around the centre, whose side is what is left to 1 in pixels.
+    // 1: rays go through the centre of the pixel (a render of one sample), 0: anywhere in it (box filter). In general
+    // they go through a square around the centre, with a side of 1 - centred pixels.
     centred: f32,
     // In a uniform buffer what follows a struct is aligned to 16 bytes.
     padding: u32,

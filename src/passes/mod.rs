@@ -57,8 +57,8 @@ shared_struct! {
         pub first_sample: u32,
         /// Seed of the render.
         pub seed: u32,
-        /// 1 where rays go through the centres of the pixels, 0 where anywhere in them. Between, they go through a
-        /// square around the centre, whose side is what is left to 1 in pixels.
+        /// 1 where rays go through the centres of the pixels, 0 where anywhere in them. In general they go through a
+        /// square around the centre, with a side of 1 - `centred` pixels.
         pub centred: f32,
         /// In a uniform buffer, the member after a struct is aligned to 16 bytes.
         pub padding: u32,

@@ -191,8 +191,8 @@ impl Renderer<'_> {
 fn colours_of(parts: &[[Vec<u32>; 3]], background: Option<DVec3>, pixel: usize, samples: u32) -> [Colour; 3] {
     let half = first_half(samples);
     let mut colours = [[0.0; 3]; 3];
-    let backgrounds = std::iter::once(background).chain(std::iter::repeat(None));
-    for ([whole, even, odd], background) in parts.iter().zip(backgrounds) {
+    for (part, [whole, even, odd]) in parts.iter().enumerate() {
+        let background = background.filter(|_| part == 0);
         let whole = Plane::sum_of(whole, pixel, samples);
         let first = Plane::sum_of(if half.ilog2().is_multiple_of(2) { even } else { odd }, pixel, half);
         // A pixel without finite samples in one half does not show its error: it counts as exact.
