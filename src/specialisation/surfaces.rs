@@ -87,7 +87,8 @@ fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
 /// Whether a material may focus light: it refracts light, or is a smooth metal or a thin film. This is decided by its
 /// factors, which textures can only reduce.
 fn focuses(m: &Material) -> bool {
-    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6 || has_lobe(m, LobeRole::Film);
+    let dense = m.specular.factor > 0.0 && (m.ior == 0.0 || m.ior > 2.6);
+    let metal = m.metallic > 0.0 || dense || has_lobe(m, LobeRole::Film);
     let smooth = m.roughness * m.roughness <= FOCUSING_ALPHA || m.metallic_roughness_texture.is_some();
     !m.unlit && (m.transmission.is_present() || (metal && smooth))
 }

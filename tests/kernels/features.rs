@@ -39,14 +39,16 @@ impl Selection {
 
     fn scene(self) -> Scene {
         let texture = |uv_set| Some(TextureInfo { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
-        let plain = surface(0.5, 0.0);
+        // Lambertian, whatever its roughness and its index of refraction.
+        let roughness = if self.has(32) { 0.03 } else { 1.0 };
+        let plain = Material { roughness, ior: if self.has(61) { 3.0 } else { 1.5 }, ..surface(0.5, 0.0) };
         // One in four has no light at all.
         let dark = self.has(29) && self.has(30);
         let lamp = surface(0.0, if dark { 0.0 } else { 1.0 });
         let panel = |i: f64| square(DVec3::new(0.1 * i, 0.0, 0.0), 0.04 * DVec3::X, 0.04 * DVec3::Y);
         let mut meshes: Vec<(Vec<Corners>, Material)> = vec![(panel(-5.0), plain.clone())];
         let materials = [
-            Material { metallic: 1.0, roughness: if self.has(32) { 0.03 } else { 1.0 }, ..plain.clone() },
+            Material { metallic: 1.0, ..plain.clone() },
             Material { alpha: AlphaMode::Mask { cutoff: 0.5 }, ..plain.clone() },
             Material { unlit: true, ..plain.clone() },
             Material { base_colour_texture: texture(0), ..plain.clone() },

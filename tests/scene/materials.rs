@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3, Vec4};
 use penumbra::Settings;
 use penumbra::internal::scene::{AlphaMode, ColourSpace, Filter, Material, Scene, Wrap};
 use penumbra::internal::specialisation::Specialisation;
-use penumbra::internal::specialisation::features::Feature;
+use penumbra::internal::specialisation::features::{Feature, Features};
 use serde_json::{Value, json};
 
 use crate::bad_input::refused_at;
@@ -125,6 +125,26 @@ fn iridescence() {
     });
     let features = Specialisation::new(&with_material(lambertian, 0).load(), None, &Settings::default()).features;
     assert!(features.has(Feature::Glossy) && features.has(Feature::Iridescence));
+}
+
+/// A high index of refraction makes a mirror only of a surface that reflects specularly.
+#[test]
+fn dense_lambertians_are_no_mirrors() {
+    let features = |specular: f64| {
+        let dense = json!({
+            // A light, without which nothing is seen.
+            "emissiveFactor": [1, 1, 1],
+            "pbrMetallicRoughness": { "metallicFactor": 0, "roughnessFactor": 0 },
+            "extensions": {
+                "KHR_materials_ior": { "ior": 3 },
+                "KHR_materials_specular": { "specularFactor": specular },
+            },
+        });
+        Specialisation::new(&with_material(dense, 0).load(), None, &Settings::default()).features
+    };
+    let decided = |features: Features| [Feature::Glossy, Feature::SpecularChains].map(|feature| features.has(feature));
+    assert_eq!(decided(features(1.0)), [true; 2]);
+    assert_eq!(decided(features(0.0)), [false; 2]);
 }
 
 /// All textures of a coat are read. A coat has a normal on the device only if it differs from that of its base.
