@@ -254,10 +254,10 @@ struct Light {
     valid: bool,
 }
 
-fn demodulated(pixel: u32, part: u32) -> Light {
+fn demodulated(pixel: u32, component: u32) -> Light {
     let albedo = albedo_of(pixel);
-    let mean = pixels[DENOISE_VECTORS * pixel + 2u * part].xyz / albedo;
-    let variance = pixels[DENOISE_VECTORS * pixel + 2u * part + 1u].xyz / (albedo * albedo);
+    let mean = pixels[DENOISE_VECTORS * pixel + 2u * component].xyz / albedo;
+    let variance = pixels[DENOISE_VECTORS * pixel + 2u * component + 1u].xyz / (albedo * albedo);
     let known = denoise.samples > 1u;
     let fits = is_finite3(mean) && all(abs(mean) <= vec3f(MAX_LIGHT));
     let fits_too = is_finite3(variance) && all(variance <= vec3f(MAX_VARIANCE));

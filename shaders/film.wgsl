@@ -24,8 +24,9 @@ struct FilmParameters {
 @group(0) @binding(1) var<storage, read_write> sums: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> compensations: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
-// For `accumulate_squares`: the other part of the radiance, or one zero vector for all points. For `take_snapshot`:
-// the compensations of the sums that `samples` are. For `correct_squares`: sums of the samples, or of a part of them.
+// For `accumulate_squares`: the other component of the radiance, or one zero vector for all points. For
+// `take_snapshot`: the compensations of the sums that `samples` are. For `correct_squares`: sums of the samples, or of
+// one of their components.
 @group(0) @binding(4) var<storage, read> other_samples: array<vec4f>;
 // See lib/tile.
 @if(adaptive_sampling) @group(0) @binding(5) var<storage, read> sampled_pixels: array<u32>;
@@ -97,7 +98,7 @@ fn accumulate(
     if any(abs(sum.value) > vec4f(NEAR_OVERFLOW)) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
 }
 
-// Sums the squares of the whole radiance, the sum of its two parts, for the variance. Squares beyond the largest
+// Sums the squares of the whole radiance, the sum of its two components, for the variance. Squares beyond the largest
 // number, and those with which the sum would exceed it, are left out and counted.
 @compute @workgroup_size(64)
 fn accumulate_squares(
@@ -150,7 +151,7 @@ fn correct(
 }
 
 // Does the same for a sum of squares, before the samples change: (x + c)^2 is x^2 + 2 c x + c^2. If x is a sum of two
-// parts, it runs once for each part, once of these with `earlier_samples` = 0.
+// components, it runs once for each, once of these with `earlier_samples` = 0.
 @compute @workgroup_size(64)
 fn correct_squares(
     @builtin(workgroup_id) group: vec3u,

@@ -11,7 +11,7 @@ use penumbra::settings::Denoise;
 use penumbra::{Result, Scene, Settings};
 use serde::Serialize;
 
-use super::options::{DeviceOptions, PartOptions, RenderOptions, SceneOptions};
+use super::options::{DeviceOptions, ExtentOptions, RenderOptions, SceneOptions};
 use super::{Ending, print, print_json};
 
 #[derive(clap::Args)]
@@ -24,7 +24,7 @@ pub struct Arguments {
     settings: RenderOptions,
 
     #[command(flatten)]
-    part: PartOptions,
+    extent: ExtentOptions,
 
     /// Predict the time and the noise of the image by `path`, `two-pass` and `shadow-photons`, from renders of small
     /// images, which take some seconds
@@ -86,9 +86,9 @@ impl Counts {
 }
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
-    arguments.settings.check(&arguments.part)?;
+    arguments.settings.check(&arguments.extent)?;
     let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
-    let settings = arguments.settings.settings(&camera, &arguments.part)?;
+    let settings = arguments.settings.settings(&camera, &arguments.extent)?;
     let specialisation = Specialisation::new(&scene, Some(&camera), &settings);
     let denoised = settings.clone().with(|s| s.image.denoise = Denoise::Auto);
     let memory = Memories {

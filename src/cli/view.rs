@@ -13,7 +13,7 @@ use penumbra::settings::Denoise;
 use penumbra::{Camera, Denoiser, Error, Result, Scene};
 
 use super::options::{
-    DeviceOptions, OidnOptions, PartOptions, RenderOptions, SceneOptions, denoisers, finite, positive,
+    DeviceOptions, ExtentOptions, OidnOptions, RenderOptions, SceneOptions, denoisers, finite, positive,
 };
 use super::{CommandLine, Ending, cache, flags, print, say};
 
@@ -51,7 +51,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
-    arguments.settings.check(&PartOptions::default())?;
+    arguments.settings.check(&ExtentOptions::default())?;
     if arguments.noise.is_some() && !arguments.settings.is_unbiased() {
         let problem = "--noise needs an unbiased technique without --clamp, and audits where photons classify points";
         return Err(Error::Usage(problem.into()));
@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     })?;
     let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
     scene.notes.iter().for_each(|note| say(format_args!("note: {note}")));
-    let mut settings = arguments.settings.settings(&camera, &PartOptions::default())?;
+    let mut settings = arguments.settings.settings(&camera, &ExtentOptions::default())?;
     settings.image.noise = arguments.noise;
     let choices = Choices {
         settings,

@@ -13,7 +13,7 @@ use super::record_grid::{RecordGrid, weight};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::kernels::RECORD_MIN_WEIGHT;
-use crate::passes::cache::{Blocks, BoundCache, Cache, CacheBuffers, ViewRecords, wanted};
+use crate::passes::cache::{Blocks, BoundCache, Cache, CacheBuffers, ImageArea, ViewRecords, wanted};
 use crate::passes::gather::{
     BoundGather, Gather, GatherSettings, RayBuffers, RecordBuffers, RecordHead, Wave, min_radius,
 };
@@ -206,10 +206,10 @@ impl Records {
         let image = &with.settings.image;
         let [width, height] = [image.width, image.height].map(|side| side.div_ceil(spacing));
         // All pieces have the same records, which are therefore for the whole image.
-        let part = if image.piece.is_some() { image.whole() } else { image.part() };
-        // The pixels of the coarse image that overlap the part.
+        let crop = if image.piece.is_some() { image.whole() } else { image.crop_window() };
+        // The pixels of the coarse image that overlap the crop.
         let reach = |first: u32, side: u32| first / spacing..(first + side).div_ceil(spacing);
-        let (columns, rows) = (reach(part.x, part.width), reach(part.y, part.height));
+        let (columns, rows) = (reach(crop.x, crop.width), reach(crop.y, crop.height));
         let column_count = columns.end - columns.start;
         let rows_at_once = (tile.capacity() / column_count).min(rows.end - rows.start);
         let before = self.heads.len();
@@ -217,7 +217,7 @@ impl Records {
         for first_row in rows.clone().step_by(rows_at_once as usize) {
             let row_count = rows_at_once.min(rows.end - first_row);
             let pixel_count = row_count * column_count;
-            let part = Tile {
+            let coarse = Tile {
                 width,
                 height,
                 first_column: columns.start,
@@ -235,8 +235,8 @@ impl Records {
             };
             let mut frame = gpu.frame("cache");
             frame.clear(&tile.counters);
-            primary.record(&mut frame, &part);
-            cache.record_requests(&mut frame, buffers, &part);
+            primary.record(&mut frame, &coarse);
+            cache.record_requests(&mut frame, buffers, &coarse);
             frame.submit()?;
             let wanted = wanted(gpu, buffers)?;
             if !wanted.is_empty() {
@@ -388,7 +388,7 @@ impl Records {
 fn bind(with: &Filling<'_>, buffers: &CacheBuffers, heads: &[RecordHead], values: &Buffer) -> Result<BoundCache> {
     let Filling { gpu, camera, .. } = *with;
     let size = [with.settings.image.width, with.settings.image.height];
-    let records = ViewRecords::new(gpu, heads, values, size, |head| seen_part(camera, head))?;
+    let records = ViewRecords::new(gpu, heads, values, size, |head| seen_area(camera, head))?;
     with.kernels.cache.bind(gpu, with.tile, buffers, &records, with.scene)
 }
 
@@ -424,20 +424,20 @@ fn uncovered(heads: &[RecordHead], camera: &CameraUniform, image: &ImageSettings
     let mut by_block = vec![Vec::<usize>::new(); blocks.count()];
     let mut kept = Vec::new();
     for (id, head) in heads.iter().enumerate() {
-        let centre = seen_part(camera, &RecordHead { size: head.size.min(f32::MIN_POSITIVE), ..*head });
+        let centre = seen_area(camera, &RecordHead { size: head.size.min(f32::MIN_POSITIVE), ..*head });
         let around = centre.and_then(|centre| blocks.of(Some(centre)).next());
         let near = around.map_or(&[][..], |block| &by_block[block]);
         let weight: f32 = near.iter().map(|other| weight(&heads[*other], head)).sum();
         if head.size > 0.0 && weight < RECORD_MIN_WEIGHT {
             kept.push(id);
-            blocks.of(seen_part(camera, head)).for_each(|block| by_block[block].push(id));
+            blocks.of(seen_area(camera, head)).for_each(|block| by_block[block].push(id));
         }
     }
     kept
 }
 
-/// The part of the image, from 0 to 1 each way, where the camera may see points within the record's radius (`size`).
-fn seen_part(camera: &CameraUniform, head: &RecordHead) -> Option<[[f32; 2]; 2]> {
+/// The area of the image where the camera may see points within the record's radius (`size`).
+fn seen_area(camera: &CameraUniform, head: &RecordHead) -> Option<ImageArea> {
     let offset = Vec3::from(head.position) - Vec3::from(camera.position);
     let depth = -offset.dot(Vec3::from(camera.backward));
     let radius = head.size;
@@ -455,14 +455,14 @@ fn seen_part(camera: &CameraUniform, head: &RecordHead) -> Option<[[f32; 2]; 2]>
     if near <= 0.0 {
         return Some([[0.0; 2], [1.0; 2]]);
     }
-    let part = |axis: [f32; 3], sign: f32| {
+    let seen_range = |axis: [f32; 3], sign: f32| {
         let half = Vec3::from(axis).length();
         let at = sign * offset.dot(Vec3::from(axis)) / half;
         let low = (at - radius) / if at >= radius { far } else { near };
         let high = (at + radius) / if at >= -radius { near } else { far };
         [0.5 + 0.5 * low / half, 0.5 + 0.5 * high / half]
     };
-    let [x, y] = [part(camera.right, 1.0), part(camera.up, -1.0)];
+    let [x, y] = [seen_range(camera.right, 1.0), seen_range(camera.up, -1.0)];
     let seen = |[low, high]: [f32; 2]| high >= 0.0 && low <= 1.0;
     (seen(x) && seen(y)).then_some([[x[0], y[0]], [x[1], y[1]]])
 }

@@ -45,12 +45,12 @@ pub struct ViewRecords {
 /// Side of a block in pixels: small enough that most records of a block reach each of its points.
 const BLOCK: u32 = 8;
 
-/// A part of an image: its top left and bottom right corners, as fractions of the width and the height.
+/// An area of an image: its top left and bottom right corners, as fractions of the width and the height.
 pub type ImageArea = [[f32; 2]; 2];
 
 impl ViewRecords {
     /// Tables of records for an image of `size` pixels. `heads` hold radii, `values` is what pass `gather` wrote, and
-    /// `reach` returns the part of the image within a record's radius.
+    /// `reach` returns the area of the image within a record's radius.
     ///
     /// # Errors
     /// As [`Gpu::table`].
@@ -101,7 +101,7 @@ impl Blocks {
         (self.columns * self.rows) as usize
     }
 
-    /// The blocks that a part of the image reaches.
+    /// The blocks that an area of the image reaches.
     pub fn of(&self, reach: Option<ImageArea>) -> impl Iterator<Item = usize> + use<> {
         self.of_span(self.span(reach))
     }

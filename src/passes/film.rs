@@ -110,12 +110,18 @@ impl Film {
         self.any_plane(gpu, pixels, "accumulate", [samples, samples], inputs)
     }
 
-    /// An empty plane that sums the squares of the whole radiance, which is the sum of two parts.
+    /// An empty plane that sums the squares of the whole radiance, which is the sum of two components.
     ///
     /// # Errors
     /// As [`Film::plane`].
-    pub fn plane_of_squares(&self, gpu: &Gpu, pixels: u32, parts: [&Buffer; 2], inputs: Inputs<'_>) -> Result<Plane> {
-        self.any_plane(gpu, pixels, "accumulate_squares", parts, inputs)
+    pub fn plane_of_squares(
+        &self,
+        gpu: &Gpu,
+        pixels: u32,
+        components: [&Buffer; 2],
+        inputs: Inputs<'_>,
+    ) -> Result<Plane> {
+        self.any_plane(gpu, pixels, "accumulate_squares", components, inputs)
     }
 
     /// An empty plane that takes over the sums of another one each time it is recorded.
@@ -134,8 +140,8 @@ impl Film {
         self.run_correction(gpu, frame, plane, "correct", (change.change, change.earlier_samples), change)
     }
 
-    /// Changes samples whose squares a plane has summed. `parts` are the planes whose samples make up those that were
-    /// squared; they must not have changed yet.
+    /// Changes samples whose squares a plane has summed. `components` are the planes whose samples make up those that
+    /// were squared; they must not have changed yet.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -144,13 +150,13 @@ impl Film {
         gpu: &Gpu,
         frame: &mut Frame<'_>,
         plane: &Plane,
-        parts: &[&Plane],
+        components: &[&Plane],
         change: &Change<'_>,
     ) -> Result<()> {
-        for (i, part) in parts.iter().enumerate() {
+        for (i, component) in components.iter().enumerate() {
             // The square of the change itself counts once.
             let earlier_samples = if i == 0 { change.earlier_samples } else { 0 };
-            self.run_correction(gpu, frame, plane, "correct_squares", (&part.sums, earlier_samples), change)?;
+            self.run_correction(gpu, frame, plane, "correct_squares", (&component.sums, earlier_samples), change)?;
         }
         Ok(())
     }

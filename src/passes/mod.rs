@@ -277,7 +277,7 @@ pub struct TileBuffers {
     pub guides: Option<GuideSamples>,
     /// The pixels that get samples; `None` if all do.
     pub sampled_pixels: Option<SampledPixels>,
-    /// One zero vector, bound in place of a part of the radiance that the technique does not compute.
+    /// One zero vector, bound in place of a component of the radiance that the technique does not compute.
     pub zeros: Buffer,
     /// One word for each [`crate::statistics::Counter`].
     pub counters: Buffer,

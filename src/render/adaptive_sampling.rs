@@ -45,7 +45,7 @@ impl Renderer<'_> {
             let share = if denoiser.choice() == Denoise::None { ROUND_SHARE } else { DENOISED_SHARE };
             let unaudited = unaudited(&self.totals, self.settings.visibility_map.audit, self.mean_samples());
             let ImageSettings { spp, .. } = self.settings.image;
-            let width = self.settings.image.part().width;
+            let width = self.settings.image.crop_window().width;
             if let Some(blocks) = &mut self.sampling.blocks {
                 let errors = blocks.errors(&errors, width);
                 blocks.choose(&errors, noise - unaudited, spp, share);
@@ -94,19 +94,19 @@ impl Renderer<'_> {
 
     /// The estimated relative squared error of each pixel of the raw image, which has two samples or more.
     fn raw_errors(&self) -> Result<Vec<f64>> {
-        let width = self.settings.image.part().width as usize;
+        let width = self.settings.image.crop_window().width as usize;
         let samples: Vec<u32> = self.samples_of_all().collect();
         let background = colour_of(self.settings.image.background);
         let mut colours = Vec::new();
         for tile in &self.view.tiles {
             let samples = &samples[colours.len()..][..tile.rows().len() * width];
             let planes = [Some(&tile.direct), tile.indirect.as_ref()];
-            let parts = planes.into_iter().flatten().zip(&tile.parts).map(|(plane, part)| {
-                let [even, odd] = &part.snapshots;
+            let components = planes.into_iter().flatten().zip(&tile.components).map(|(plane, component)| {
+                let [even, odd] = &component.snapshots;
                 Ok([plane.state(self.gpu)?, even.state(self.gpu)?, odd.state(self.gpu)?])
             });
-            let parts = parts.collect::<Result<Vec<_>>>()?;
-            let pixel = |(pixel, samples): (usize, &u32)| colours_of(&parts, background, pixel, *samples);
+            let components = components.collect::<Result<Vec<_>>>()?;
+            let pixel = |(pixel, samples): (usize, &u32)| colours_of(&components, background, pixel, *samples);
             colours.par_extend(samples.par_iter().enumerate().map(pixel));
         }
         let whole: Vec<Colour> = colours.par_iter().map(|[whole, ..]| *whole).collect();
@@ -168,7 +168,7 @@ impl Renderer<'_> {
 
     /// Samples of a pixel so far.
     pub(super) fn samples_of(&self, pixel: usize) -> u32 {
-        let width = self.settings.image.part().width;
+        let width = self.settings.image.crop_window().width;
         self.sampling.blocks.as_ref().map_or(self.sampling.samples, |blocks| blocks.samples_of(pixel, width))
     }
 
@@ -180,19 +180,19 @@ impl Renderer<'_> {
 
     /// Samples of each pixel so far.
     fn samples_of_all(&self) -> impl ExactSizeIterator<Item = u32> {
-        let part = self.settings.image.part();
-        (0..part.width as usize * part.height as usize).map(|pixel| self.samples_of(pixel))
+        let crop = self.settings.image.crop_window();
+        (0..crop.width as usize * crop.height as usize).map(|pixel| self.samples_of(pixel))
     }
 }
 
-/// The colours of a pixel by all of its samples and by two halves, from the states of the planes of each part of the
-/// light: its sum and the two snapshots. The first part has the coverage, which says how much of a `background` they
-/// show.
-fn colours_of(parts: &[[Vec<u32>; 3]], background: Option<DVec3>, pixel: usize, samples: u32) -> [Colour; 3] {
+/// The colours of a pixel by all of its samples and by two halves, from the states of the planes of each
+/// component of the light: its sum and the two snapshots. The first component has the coverage, which says how much of
+/// a `background` they show.
+fn colours_of(components: &[[Vec<u32>; 3]], background: Option<DVec3>, pixel: usize, samples: u32) -> [Colour; 3] {
     let half = first_half(samples);
     let mut colours = [[0.0; 3]; 3];
-    for (part, [whole, even, odd]) in parts.iter().enumerate() {
-        let background = background.filter(|_| part == 0);
+    for (component, [whole, even, odd]) in components.iter().enumerate() {
+        let background = background.filter(|_| component == 0);
         let whole = Plane::sum_of(whole, pixel, samples);
         let first = Plane::sum_of(if half.ilog2().is_multiple_of(2) { even } else { odd }, pixel, half);
         // A pixel without finite samples in one half does not show its error: it counts as exact.

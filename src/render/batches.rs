@@ -262,7 +262,7 @@ impl Renderer<'_> {
         film.take_snapshot(&mut frame, &tile, first_sample + layers);
         frame.submit()?;
         if let Some(sums) = &mut self.piece_sums {
-            let first_pixel = film.rows().start as usize * self.settings.image.part().width as usize;
+            let first_pixel = film.rows().start as usize * self.settings.image.crop_window().width as usize;
             let left_out = sums.add(self.gpu, &self.view.buffers, first_pixel, &tile)?;
             self.totals.count(Counter::NotFinite, left_out);
         }
@@ -279,7 +279,7 @@ impl Renderer<'_> {
     /// Lists the pixels of `blocks` in a tile for the kernels, if not all pixels get samples. Returns the list, and how
     /// many pixels get samples.
     pub(super) fn list_pixels(&self, film: &TileFilm, blocks: Option<&EqualBlocks>) -> (Option<Vec<u32>>, u32) {
-        let width = self.settings.image.part().width;
+        let width = self.settings.image.crop_window().width;
         let (Some(all), Some(blocks), Some(sampled)) =
             (&self.sampling.blocks, blocks, &self.view.buffers.sampled_pixels)
         else {

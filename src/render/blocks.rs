@@ -95,8 +95,8 @@ impl Blocks {
 
     /// Blocks without samples. All of them get `target` samples first.
     fn new(image: &ImageSettings, side: u32, target: u32) -> Blocks {
-        let part = image.part();
-        let [columns, rows] = [part.width, part.height].map(|pixels| pixels.div_ceil(side));
+        let crop = image.crop_window();
+        let [columns, rows] = [crop.width, crop.height].map(|pixels| pixels.div_ceil(side));
         let mut blocks =
             Blocks { side, columns, samples: vec![0; (columns * rows) as usize], next: Vec::new(), above: 0 };
         blocks.next = blocks.in_order().map(|block| Next { block, target }).collect();

@@ -38,14 +38,14 @@ impl Renderer<'_> {
             let problem = "is for merged pieces: a single piece lacks the samples of the others";
             return Err(Error::setting("image.denoise", problem));
         }
-        let Crop { width, height, .. } = self.settings.image.part();
+        let Crop { width, height, .. } = self.settings.image.crop_window();
         let background = self.settings.image.background;
         add_denoised(image, denoiser, self.gpu, &Film::of(self), [width, height], background)
     }
 
     /// The input of denoisers. Without denoisers there are no guides, and the variances are 0.
     pub(super) fn noisy(&self) -> Result<Noisy> {
-        let Crop { width, height, .. } = self.settings.image.part();
+        let Crop { width, height, .. } = self.settings.image.crop_window();
         noisy(&Film::of(self), [width, height])
     }
 }

@@ -17,13 +17,14 @@ const CHANNEL: u64 = size_of::<f32>() as u64;
 const COLOUR: u64 = size_of::<Colour>() as u64;
 const NUMBER: u64 = size_of::<f64>() as u64;
 
-/// Bytes of a pixel while the input of denoisers is made, without what each part of the light has: the means of three
-/// guides in both precisions, the sums of one part of the light, and the coverage.
+/// Bytes of a pixel while the input of denoisers is made, without what each component of the light has: the means of
+/// three guides in both precisions, the sums of one component of the light, and the coverage.
 const INPUT: u64 = 3 * (size_of::<DVec4>() as u64 + COLOUR) + size_of::<Sum>() as u64 + NUMBER;
 
-/// Bytes of a pixel while the errors of a mixture are estimated, without the parts of the light: the guides; the raw
-/// image and its halves; those of one filter; the variance; the mixture and its halves; weights of the squares (3) and
-/// of the filter (1), means of noise (4), distributions (6); the ratio of the noise, and whether the pixel is clean.
+/// Bytes of a pixel while the errors of a mixture are estimated, without the components of the light: the guides; the
+/// raw image and its halves; those of one filter; the variance; the mixture and its halves; weights of the squares (3)
+/// and of the filter (1), means of noise (4), distributions (6); the ratio of the noise, and whether the pixel is
+/// clean.
 const MIXTURE: u64 = (3 + 3 + 3 + 1 + 3) * COLOUR + (3 + 1 + 4 + 6) * NUMBER + CHANNEL + 1;
 
 /// Bytes that an image takes at least, so that no render is refused that would succeed.
@@ -49,8 +50,8 @@ impl ImageMemory {
 
     /// [`ImageMemory::new`] by its features.
     pub(super) fn of(features: &Features, has_indirect: bool, settings: &Settings) -> ImageMemory {
-        let part = settings.image.part();
-        let pixels = u64::from(part.width) * u64::from(part.height);
+        let crop = settings.image.crop_window();
+        let pixels = u64::from(crop.width) * u64::from(crop.height);
         ImageMemory {
             host: pixels * bytes_of_image(settings, has_indirect),
             film: pixels * planes(features, has_indirect, settings) * Plane::PIXEL_BYTES,
@@ -62,9 +63,9 @@ impl ImageMemory {
     /// # Errors
     /// [`Error::Memory`].
     pub(super) fn check(self, is_software: bool, settings: &Settings) -> Result<()> {
-        let part = settings.image.part();
+        let crop = settings.image.crop_window();
         let film = if is_software || settings.image.piece.is_some() { self.film } else { 0 };
-        refuse_without_room([part.width, part.height], self.host + film, || remedy(settings))
+        refuse_without_room([crop.width, crop.height], self.host + film, || remedy(settings))
     }
 }
 
@@ -81,8 +82,8 @@ pub(super) fn refuse_without_room(size: [u32; 2], needed: u64, remedy: impl Fn()
 
 /// Whether `bytes` more have room beside what the image will take.
 pub(super) fn has_room(bytes: u64, settings: &Settings, has_indirect: bool) -> bool {
-    let part = settings.image.part();
-    let image = u64::from(part.width) * u64::from(part.height) * bytes_of_image(settings, has_indirect);
+    let crop = settings.image.crop_window();
+    let image = u64::from(crop.width) * u64::from(crop.height) * bytes_of_image(settings, has_indirect);
     memory::available().is_none_or(|available| bytes + image <= available)
 }
 
@@ -94,13 +95,13 @@ fn has_second_sample(settings: &Settings) -> bool {
 /// The number of planes of the film that samples fill. Those of classes are left out, as in [`channels`].
 fn planes(features: &Features, has_indirect: bool, settings: &Settings) -> u64 {
     let has = |feature| u64::from(features.has(feature));
-    let parts = 1 + u64::from(has_indirect);
+    let components = 1 + u64::from(has_indirect);
     let aovs = [Feature::AovAlbedo, Feature::AovNormal, Feature::AovPosition].map(has).iter().sum::<u64>();
     let variance = u64::from(settings.image.aovs.contains(&Aov::Variance));
     // The second snapshot is not filled by a single sample.
     let snapshots = 1 + u64::from(has_second_sample(settings));
-    let of_errors = if settings.estimates_error() { parts * (snapshots + has(Feature::Guides)) } else { 0 };
-    parts + aovs + variance + 3 * has(Feature::Guides) + of_errors
+    let of_errors = if settings.estimates_error() { components * (snapshots + has(Feature::Guides)) } else { 0 };
+    components + aovs + variance + 3 * has(Feature::Guides) + of_errors
 }
 
 /// Bytes of a pixel's channels, and of what denoisers take.
@@ -116,9 +117,9 @@ fn bytes_of_image(settings: &Settings, has_indirect: bool) -> u64 {
 
 /// Bytes of a pixel that denoisers take. Halves of the samples are there after the second one.
 pub(super) fn denoisers(has_indirect: bool, has_halves: bool) -> u64 {
-    let parts = 1 + u64::from(has_indirect);
-    // Mean and variance of each part of the light, and of its halves.
-    if has_halves { MIXTURE + 3 * 2 * COLOUR * parts } else { INPUT + 2 * COLOUR * parts }
+    let components = 1 + u64::from(has_indirect);
+    // Mean and variance of each component of the light, and of its halves.
+    if has_halves { MIXTURE + 3 * 2 * COLOUR * components } else { INPUT + 2 * COLOUR * components }
 }
 
 /// Bytes of a pixel's channels: R, G, B and A, and those of AOVs.

@@ -40,13 +40,13 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`kernel_kit::Gpu::read`].
     pub fn surface_point(&self, [x, y]: [u32; 2]) -> Result<Option<SurfacePoint>> {
-        let part = self.settings.image.part();
+        let crop = self.settings.image.crop_window();
         let holds = |film: &&TileFilm| film.rows().contains(&y);
-        let Some(film) = self.view.tiles.iter().find(holds).filter(|_| x < part.width) else { return Ok(None) };
+        let Some(film) = self.view.tiles.iter().find(holds).filter(|_| x < crop.width) else { return Ok(None) };
         let mut frame = self.gpu.frame("point");
         self.view.primary.record(&mut frame, &self.centres(film));
         frame.submit()?;
-        let index = (y - film.rows().start) * part.width + x;
+        let index = (y - film.rows().start) * crop.width + x;
         let points: Vec<Point> = self.gpu.read_from(&self.view.buffers.points.buffer, index as usize, 1)?;
         let of = |point: &Point| SurfacePoint { position: point.position.into(), normal: oct_decode16(point.normal) };
         Ok(points.first().filter(|point| point.normal != INVALID_POINT).map(of))
@@ -55,7 +55,7 @@ impl Renderer<'_> {
     /// One ray through the centre of each pixel of a tile.
     fn centres(&self, film: &TileFilm) -> Tile {
         self.view.buffers.sampled_pixels.iter().for_each(|sampled| sampled.set_all(self.gpu));
-        let pixels = film.rows().len() as u32 * self.settings.image.part().width;
+        let pixels = film.rows().len() as u32 * self.settings.image.crop_window().width;
         Tile { centred: 1.0, ..film.tile(&self.settings, pixels, 0, 1) }
     }
 }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::denoise::chance::{Seen, settled};
 use super::denoise::mixture::of_regions;
-use super::denoise::{Colour, Denoised, Denoiser, Guides, Light, Noisy, Part, RELMSE_FLOOR, relative};
+use super::denoise::{Colour, Component, Denoised, Denoiser, Guides, Light, Noisy, RELMSE_FLOOR, relative};
 use super::picture::{Quantity, Sums, behind, colour_of, means};
 use super::tiles::first_half;
 use crate::passes::film::{Sum, variance_of_mean};
@@ -106,7 +106,7 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
         let variance = |(squares, sum): (&Sum, &Sum)| colour(&variance_of_mean(sum.mean(), squares.mean(), sum.kept));
         let variance = squares.map(|squares| squares.par_iter().zip(&whole).map(variance).collect());
         let mean = whole.par_iter().map(|sum| colour(&sum.mean())).collect();
-        all.push(Part { mean, variance: variance.unwrap_or_else(|| vec![[0.0; 3]; whole.len()]) });
+        all.push(Component { mean, variance: variance.unwrap_or_else(|| vec![[0.0; 3]; whole.len()]) });
     }
     let [width, height] = size.map(|side| side as usize);
     // Filters take one number of samples: with adaptive sampling, that of the pixels with the fewest.
@@ -117,12 +117,13 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
         let first = f64::from(first_half(samples(pixel))) / f64::from(samples(pixel));
         (1.0 / if of == 0 { first } else { 1.0 - first }) as f32
     };
-    let half =
-        |of: usize, means: Vec<Vec<Colour>>| Light { parts: half_parts(means, &all, &|pixel| factor(of, pixel)) };
+    let half = |of: usize, means: Vec<Vec<Colour>>| Light {
+        components: half_components(means, &all, &|pixel| factor(of, pixel)),
+    };
     let [first, second] = halves;
     let halves = (!first.is_empty()).then(|| [half(0, first), half(1, second)]);
     let is_clean = clean(&coverage, sums.may_have_lens(), &albedo, &position);
-    Ok(Noisy { size, all: Light { parts: all }, halves, half_samples, guides, is_clean })
+    Ok(Noisy { size, all: Light { components: all }, halves, half_samples, guides, is_clean })
 }
 
 /// The variance of each pixel's coverage, w of `means`. Samples are stratified, so it is less than that of independent
@@ -171,14 +172,14 @@ fn guides_of(size: [u32; 2], [albedo, normal, position]: [&[DVec4]; 3]) -> Guide
     Guides { albedo, normal, position }
 }
 
-/// The parts of one half of the samples. The variances of their means are those of all samples times `factor`.
-fn half_parts(means: Vec<Vec<Colour>>, all: &[Part], factor: &dyn Fn(usize) -> f32) -> Vec<Part> {
+/// The components of one half of the samples. The variances of their means are those of all samples times `factor`.
+fn half_components(means: Vec<Vec<Colour>>, all: &[Component], factor: &dyn Fn(usize) -> f32) -> Vec<Component> {
     let variance = |(pixel, variance): (usize, &Colour)| variance.map(|x| x * factor(pixel));
-    let part = |(mean, all): (Vec<Colour>, &Part)| Part {
+    let component = |(mean, all): (Vec<Colour>, &Component)| Component {
         mean,
         variance: all.variance.iter().enumerate().map(variance).collect(),
     };
-    means.into_iter().zip(all).map(part).collect()
+    means.into_iter().zip(all).map(component).collect()
 }
 
 fn colour(value: &DVec4) -> Colour {

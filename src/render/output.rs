@@ -60,12 +60,12 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
     let film = Film { kept: kept.as_ref(), ..Film::of(renderer) };
     let normalisation = &renderer.scene.normalisation;
     let picture = Picture { aovs: &settings.image.aovs, background: settings.image.background, normalisation };
-    let part = settings.image.part();
+    let crop = settings.image.crop_window();
     let mut channels = Vec::new();
-    for tiles in film.parts() {
-        append(&mut channels, picture.channels(&Film { tiles, ..film })?, part.width as usize * part.height as usize);
+    for tiles in film.tiles_at_once() {
+        append(&mut channels, picture.channels(&Film { tiles, ..film })?, crop.width as usize * crop.height as usize);
     }
-    let mut image = Image { width: part.width, height: part.height, channels, ..Image::default() };
+    let mut image = Image { width: crop.width, height: crop.height, channels, ..Image::default() };
     image.transparent = settings.image.background == Background::Transparent;
     image.crop = settings
         .image
@@ -133,7 +133,7 @@ impl Sums for Film<'_> {
     }
 
     fn first_halves(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>> {
-        let part = match quantity {
+        let component = match quantity {
             Quantity::Direct => 0,
             Quantity::Indirect => 1,
             _ => return Ok(None),
@@ -143,7 +143,7 @@ impl Sums for Film<'_> {
             return Ok(None);
         }
         let half = |pixel: usize| first_half(self.samples_of(pixel));
-        let snapshot = |k: usize| self.plane_sums(&|f| Some(&f.parts.get(part)?.snapshots[k]), &half);
+        let snapshot = |k: usize| self.plane_sums(&|f| Some(&f.components.get(component)?.snapshots[k]), &half);
         let (Some(even), Some(odd)) = (snapshot(0)?, snapshot(1)?) else { return Ok(None) };
         let pick = |(pixel, sums): (usize, [Sum; 2])| sums[half(pixel).ilog2() as usize % 2];
         Ok(Some(even.into_iter().zip(odd).map(<[Sum; 2]>::from).enumerate().map(pick).collect()))
@@ -170,7 +170,7 @@ impl<'a> Film<'a> {
 
     /// The tiles whose channels are made at once: single ones, because sums take more memory than channels. Those of a
     /// piece are in memory, and whole.
-    fn parts(&self) -> Vec<Range<usize>> {
+    fn tiles_at_once(&self) -> Vec<Range<usize>> {
         match self.piece_sums() {
             Some(_) => vec![self.tiles.clone()],
             None => self.tiles.clone().map(|tile| tile..tile + 1).collect(),
@@ -183,7 +183,7 @@ impl<'a> Film<'a> {
     }
 
     fn first_pixel_of(&self, tile: &TileFilm) -> usize {
-        tile.rows().start as usize * self.renderer.settings.image.part().width as usize
+        tile.rows().start as usize * self.renderer.settings.image.crop_window().width as usize
     }
 
     /// The sums of a tile's plane, by the number of samples of each pixel.

@@ -192,7 +192,7 @@ impl Renderer<'_> {
         };
         for film in &self.view.tiles {
             let first_pixel = changes.len();
-            changes.resize(first_pixel + film.rows().len() * self.settings.image.part().width as usize, 0.0);
+            changes.resize(first_pixel + film.rows().len() * self.settings.image.crop_window().width as usize, 0.0);
             let of_film = &mut changes[first_pixel..];
             let by_samples = |all: &Blocks| all.by_samples().map(Some).collect();
             for blocks in self.sampling.blocks.as_ref().map_or(vec![None], by_samples) {

@@ -30,18 +30,18 @@ impl TileSize {
     /// [`Error::Usage`] if a row has more pairs of points and lights than fit.
     pub fn new(features: &Features, lights: usize, settings: &Settings) -> Result<TileSize> {
         let most = TILE_POINTS.min(max_points(features, lights, settings));
-        let part = settings.image.part();
-        if most < part.width {
+        let crop = settings.image.crop_window();
+        if most < crop.width {
             let problem = format!(
                 "with {lights} lights the buffers hold a row of at most {most} pixels, not {}; choose a \
                  narrower `image.crop`, fewer `shadow_rays.samples`, or a `light_sampling.strategy` of a few lights",
-                part.width
+                crop.width
             );
             return Err(Error::Usage(problem));
         }
-        let rows = (most / part.width).clamp(1, part.height);
-        let layers = (most / (rows * part.width)).clamp(1, TILE_SAMPLES.min(settings.image.spp));
-        let points = rows * part.width * layers;
+        let rows = (most / crop.width).clamp(1, crop.height);
+        let layers = (most / (rows * crop.width)).clamp(1, TILE_SAMPLES.min(settings.image.spp));
+        let points = rows * crop.width * layers;
         // A piece has irradiance records for the whole image, of every second pixel at most.
         let ImageSettings { width, height, piece, .. } = settings.image;
         let records = piece.map_or(0, |_| most.min(width.div_ceil(2) * height.div_ceil(2)).max(width));
@@ -56,8 +56,8 @@ pub(super) struct GuidePlanes {
     pub position: Plane,
 }
 
-/// The planes from which the error of a part of the light is estimated.
-pub(super) struct PartPlanes {
+/// The planes from which the error of a component of the light is estimated.
+pub(super) struct ComponentPlanes {
     /// The sums at the last two powers of two that the number of samples reached; see [`first_half`]. After 2^k
     /// samples, snapshot k modulo 2 is taken.
     pub snapshots: [Plane; 2],
@@ -77,9 +77,9 @@ pub(super) struct TileFilm {
     pub position: Option<Plane>,
     /// The sums that denoisers need, if these are requested.
     pub guides: Option<GuidePlanes>,
-    /// The parts of direct and, if there is any, of indirect light, if the error is to be estimated; empty for a single
+    /// Those of direct and, if there is any, of indirect light, if the error is to be estimated; empty for a single
     /// sample.
-    pub parts: Vec<PartPlanes>,
+    pub components: Vec<ComponentPlanes>,
     /// The classes of each light, if they are requested; see [`DirectLight::class_films`].
     pub classes: Vec<Plane>,
 }
@@ -109,7 +109,7 @@ impl TileFilm {
         size: TileSize,
         settings: &Settings,
     ) -> Result<Vec<TileFilm>> {
-        let height = settings.image.part().height;
+        let height = settings.image.crop_window().height;
         let first_rows = (0..height).step_by(size.rows as usize);
         first_rows
             .map(|first_row| {
@@ -128,29 +128,30 @@ impl TileFilm {
         [first_row, rows]: [u32; 2],
         settings: &Settings,
     ) -> Result<TileFilm> {
-        let pixels = rows * settings.image.part().width;
+        let pixels = rows * settings.image.crop_window().width;
         let inputs = buffers.film_inputs();
         let plane = |samples: &Buffer| film.plane(gpu, pixels, samples, inputs);
         let optional = |samples: &Option<Buffer>| samples.as_ref().map(plane).transpose();
         let other = buffers.radiance_indirect.as_ref();
         let squares = settings.image.aovs.contains(&Aov::Variance).then(|| {
-            let parts = [&buffers.radiance_direct, other.unwrap_or(&buffers.zeros)];
-            film.plane_of_squares(gpu, pixels, parts, inputs)
+            let components = [&buffers.radiance_direct, other.unwrap_or(&buffers.zeros)];
+            film.plane_of_squares(gpu, pixels, components, inputs)
         });
         let classes = direct.map(|direct| direct.class_films(gpu, film, pixels, inputs));
         let (direct, indirect) = (plane(&buffers.radiance_direct)?, optional(&buffers.radiance_indirect)?);
         let guides = GuidePlanes::new(buffers, &plane)?;
-        let part = |(sums, samples): (&Plane, &Buffer)| -> Result<PartPlanes> {
+        let planes = |(sums, samples): (&Plane, &Buffer)| -> Result<ComponentPlanes> {
             let squares =
                 guides.is_some().then(|| film.plane_of_squares(gpu, pixels, [samples, &buffers.zeros], inputs));
-            Ok(PartPlanes {
+            Ok(ComponentPlanes {
                 snapshots: [film.snapshot(gpu, sums, inputs)?, film.snapshot(gpu, sums, inputs)?],
                 squares: squares.transpose()?,
             })
         };
-        let parts = [Some((&direct, &buffers.radiance_direct)), indirect.as_ref().zip(other)];
+        let components = [Some((&direct, &buffers.radiance_direct)), indirect.as_ref().zip(other)];
         let is_estimated = settings.estimates_error();
-        let parts = parts.into_iter().flatten().filter(|_| is_estimated).map(part).collect::<Result<_>>()?;
+        let components =
+            components.into_iter().flatten().filter(|_| is_estimated).map(planes).collect::<Result<_>>()?;
         Ok(TileFilm {
             first_row,
             rows,
@@ -161,21 +162,21 @@ impl TileFilm {
             normal: optional(&buffers.normal_samples)?,
             position: optional(&buffers.position_samples)?,
             guides,
-            parts,
+            components,
             classes: classes.transpose()?.unwrap_or_default(),
         })
     }
 
     /// All planes except those of classes.
     pub fn planes(&self) -> impl Iterator<Item = &Plane> {
-        self.sample_planes().chain(self.parts.iter().flat_map(|part| &part.snapshots))
+        self.sample_planes().chain(self.components.iter().flat_map(|component| &component.snapshots))
     }
 
     /// The planes that sum samples, which every technique fills.
     pub fn sample_planes(&self) -> impl Iterator<Item = &Plane> {
         let optional = [&self.indirect, &self.squares, &self.albedo, &self.normal, &self.position];
         let guides = self.guides.iter().flat_map(|guides| [&guides.albedo, &guides.normal, &guides.position]);
-        let squares = self.parts.iter().filter_map(|part| part.squares.as_ref());
+        let squares = self.components.iter().filter_map(|component| component.squares.as_ref());
         std::iter::once(&self.direct).chain(optional.into_iter().flatten()).chain(guides).chain(squares)
     }
 
@@ -188,8 +189,8 @@ impl TileFilm {
             Quantity::Albedo => self.albedo.as_ref(),
             Quantity::Normal => self.normal.as_ref(),
             Quantity::Position => self.position.as_ref(),
-            Quantity::DirectSquares => self.parts.first()?.squares.as_ref(),
-            Quantity::IndirectSquares => self.parts.get(1)?.squares.as_ref(),
+            Quantity::DirectSquares => self.components.first()?.squares.as_ref(),
+            Quantity::IndirectSquares => self.components.get(1)?.squares.as_ref(),
             Quantity::GuideAlbedo => self.guides.as_ref().map(|guides| &guides.albedo),
             Quantity::GuideNormal => self.guides.as_ref().map(|guides| &guides.normal),
             Quantity::GuidePosition => self.guides.as_ref().map(|guides| &guides.position),
@@ -199,7 +200,9 @@ impl TileFilm {
     /// Keeps the sums of the tile's pixels if `samples`, their number of samples, is a power of two.
     pub fn take_snapshot(&self, frame: &mut Frame<'_>, tile: &Tile, samples: u32) {
         if samples.is_power_of_two() {
-            self.parts.iter().for_each(|part| part.snapshots[samples.ilog2() as usize % 2].record(frame, tile));
+            self.components
+                .iter()
+                .for_each(|component| component.snapshots[samples.ilog2() as usize % 2].record(frame, tile));
         }
     }
 
@@ -209,21 +212,22 @@ impl TileFilm {
         if let Some(squares) = &self.squares {
             film.correct_squares(gpu, frame, squares, &[&self.direct, indirect], &change)?;
         }
-        let part = self.parts.get(1);
-        if let Some(squares) = part.and_then(|part| part.squares.as_ref()) {
+        let component = self.components.get(1);
+        if let Some(squares) = component.and_then(|component| component.squares.as_ref()) {
             film.correct_squares(gpu, frame, squares, &[indirect], &change)?;
         }
         film.correct(gpu, frame, indirect, &change)?;
         let last = change.earlier_samples.ilog2();
-        let snapshots = part.into_iter().flat_map(|part| [last, last.saturating_sub(1)].map(|k| (k, part)));
-        for (k, part) in snapshots.take(last.min(1) as usize + 1) {
+        let snapshots =
+            component.into_iter().flat_map(|component| [last, last.saturating_sub(1)].map(|k| (k, component)));
+        for (k, component) in snapshots.take(last.min(1) as usize + 1) {
             let of_snapshot = Change { earlier_samples: 1 << k, ..change };
-            film.correct(gpu, frame, &part.snapshots[k as usize % 2], &of_snapshot)?;
+            film.correct(gpu, frame, &component.snapshots[k as usize % 2], &of_snapshot)?;
         }
         Ok(())
     }
 
-    /// The rows of the rendered part that are in the tile.
+    /// The rows of the crop window that are in the tile.
     pub fn rows(&self) -> Range<u32> {
         self.first_row..self.first_row + self.rows
     }
@@ -231,13 +235,13 @@ impl TileFilm {
     /// The tile for `layers` samples of each of `pixel_count` pixels. Its first sample is number `first_sample`.
     pub fn tile(&self, settings: &Settings, pixel_count: u32, first_sample: u32, layers: u32) -> Tile {
         let image = &settings.image;
-        let part = image.part();
+        let crop = image.crop_window();
         Tile {
             width: image.width,
             height: image.height,
-            first_column: part.x,
-            first_row: part.y + self.first_row,
-            columns: part.width,
+            first_column: crop.x,
+            first_row: crop.y + self.first_row,
+            columns: crop.width,
             rows: self.rows,
             pixel_count,
             point_count: pixel_count * layers,

@@ -66,8 +66,8 @@ pub fn predict(subject: &Subject<'_>, technique: Technique) -> Result<Option<Pre
     if settings.check().is_err() {
         return Ok(None);
     }
-    let part = subject.settings.image.part();
-    let pixels = f64::from(part.width) * f64::from(part.height);
+    let crop = subject.settings.image.crop_window();
+    let pixels = f64::from(crop.width) * f64::from(crop.height);
     let [small, large] = PIXELS.map(|limit| of_pixels(&settings, limit.min(pixels)));
     let measured = [measure(subject, &small)?, measure(subject, &large)?];
     let of = |seconds: fn(&Measured) -> f64| extrapolated(measured.each_ref().map(|m| (m.pixels, seconds(m))), pixels);

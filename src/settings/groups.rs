@@ -131,8 +131,8 @@ impl SampleRange {
 }
 
 impl ImageSettings {
-    /// The part that is rendered.
-    pub fn part(&self) -> Crop {
+    /// The pixels that are rendered: the crop, or all of them.
+    pub fn crop_window(&self) -> Crop {
         self.crop.unwrap_or(self.whole())
     }
 

@@ -54,8 +54,8 @@ impl Specialisation {
     }
 
     fn of_channels(&mut self, scene: &Scene, settings: &Settings) {
-        let part = settings.image.part();
-        let pixels = u64::from(part.width) * u64::from(part.height);
+        let crop = settings.image.crop_window();
+        let pixels = u64::from(crop.width) * u64::from(crop.height);
         let aov = |aov: Aov| settings.image.aovs.contains(&aov);
         let shown = settings.image.background == Background::Environment;
         let position = aov(Aov::Position) || aov(Aov::Depth);

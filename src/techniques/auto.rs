@@ -172,8 +172,8 @@ fn first_sample(scene: &Scene, camera: &Camera, settings: &Settings) -> f64 {
     let is_sampled = features.has(Feature::LightSampling);
     let lights = if is_sampled { settings.light_sampling.sampled_lights as usize } else { scene.lights.len() } as f64;
     let zones = if_any(has_zones, scene.lights.len() as f64 * seconds::LIGHT_OF_ZONES);
-    let part = settings.image.part();
-    let pixels = f64::from(part.width) * f64::from(part.height);
+    let crop = settings.image.crop_window();
+    let pixels = f64::from(crop.width) * f64::from(crop.height);
     let triangles = scene.triangles.len() as f64;
     let levels = triangles.max(1.0).log2();
     let rays_of = |light: &Light| f64::from(light.kind.max_light_points(settings.shadow_rays.samples));

@@ -1,7 +1,7 @@
 //! Ratios of the noise of stratified samples to that of independent ones, on synthetic halves whose noise is known.
 
 use penumbra::internal::render::denoise::stratification::{ratios, reduced};
-use penumbra::internal::render::denoise::{Colour, Light, Part};
+use penumbra::internal::render::denoise::{Colour, Component, Light};
 
 use crate::random::{Random, RandomInput as _};
 
@@ -41,12 +41,12 @@ fn the_halves_tell_the_noise_of_each_region() {
 /// half.
 #[test]
 fn variances_shrink_by_the_ratios() {
-    let part = Part { mean: vec![[3.0; 3]; 3], variance: vec![[2.0, 4.0, 8.0]; 3] };
-    let light = Light { parts: vec![part] };
+    let component = Component { mean: vec![[3.0; 3]; 3], variance: vec![[2.0, 4.0, 8.0]; 3] };
+    let light = Light { components: vec![component] };
     for (is_half, factors) in [(false, [0.0, 0.375, 1.0]), (true, [0.0, 0.425, 1.0])] {
         let found = reduced(&light, &[vec![0.0, 0.5, 1.0]], is_half);
-        assert_eq!(found.parts[0].mean, light.parts[0].mean);
-        for (variance, factor) in found.parts[0].variance.iter().zip(factors) {
+        assert_eq!(found.components[0].mean, light.components[0].mean);
+        for (variance, factor) in found.components[0].variance.iter().zip(factors) {
             let expected = [2.0, 4.0, 8.0].map(|x: f32| x * factor);
             // Roundings of three products.
             assert!((0..3).all(|c| (variance[c] - expected[c]).abs() < 1e-5), "{variance:?} for {expected:?}");

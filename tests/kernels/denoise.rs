@@ -4,7 +4,7 @@ use glam::DVec3;
 use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::passes::denoise::{Denoise, DenoiseParameters, PIXEL_VECTORS, REACH};
 use penumbra::internal::render::denoise::statistical::StatisticalDenoiser;
-use penumbra::internal::render::denoise::{self, Guides, Noisy, Part};
+use penumbra::internal::render::denoise::{self, Component, Guides, Noisy};
 
 use crate::kit::device_features;
 use crate::random::{Random, RandomInput as _};
@@ -69,13 +69,15 @@ impl Input {
 
     fn filter(&self, gpu: &Gpu) -> Vec<[f32; 3]> {
         let [direct, direct_variance, indirect, indirect_variance, albedo, normal, position] = self.planes.clone();
-        let parts = vec![
-            Part { mean: direct, variance: direct_variance },
-            Part { mean: indirect, variance: indirect_variance },
+        let components = vec![
+            Component { mean: direct, variance: direct_variance },
+            Component { mean: indirect, variance: indirect_variance },
         ];
         let denoiser = StatisticalDenoiser::new(gpu).unwrap();
         let size = [self.width as u32, self.height as u32];
-        denoiser.filter(size, self.samples, &denoise::Light { parts }, &Guides { albedo, normal, position }).unwrap()
+        denoiser
+            .filter(size, self.samples, &denoise::Light { components }, &Guides { albedo, normal, position })
+            .unwrap()
     }
 }
 
@@ -465,7 +467,7 @@ fn halves_tell_how_much_is_noise(gpu: &Gpu) {
         // Four times the texture's, and twice that for each half.
         let light = |mean: Vec<[f32; 3]>, variance: f32| {
             let variance = vec![[variance; 3]; mean.len()];
-            denoise::Light { parts: vec![Part { mean, variance }] }
+            denoise::Light { components: vec![Component { mean, variance }] }
         };
         let Input { planes, .. } = Input::plane(SIZE, SIZE, 16);
         let [.., albedo, normal, position] = planes;

@@ -17,7 +17,7 @@ use penumbra::{Denoiser, Error, Image, Result, Settings};
 use super::cache;
 
 pub use scene::{LoadedPanorama, SceneOptions};
-pub use settings::{PartOptions, RenderOptions, SettingsOptions};
+pub use settings::{ExtentOptions, RenderOptions, SettingsOptions};
 pub use values::{EntrantParser, denoisers, finite, positive};
 
 #[derive(Args)]
@@ -69,8 +69,8 @@ impl OidnOptions {
 /// The reference image, which must have the size of the settings.
 pub fn read_reference(path: &Path, settings: &Settings) -> Result<Reference> {
     let reference = Reference::read(path)?;
-    let part = settings.image.part();
-    let (Image { width, height, .. }, own) = (&reference.image, [part.width, part.height]);
+    let crop = settings.image.crop_window();
+    let (Image { width, height, .. }, own) = (&reference.image, [crop.width, crop.height]);
     if [*width, *height] != own {
         let sizes = format!("is {width} x {height} pixels, not {} x {}", own[0], own[1]);
         return Err(Error::input(path, "file", format!("{sizes}; set --width and --height to its size")));

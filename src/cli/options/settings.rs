@@ -7,10 +7,10 @@ use penumbra::{Camera, Result, Settings};
 
 use super::values::{AovList, TechniqueChoice, background, crop, light_samplings, samplings, technique_or_auto};
 
-/// The part of an image that is rendered.
+/// The pixels and the samples that are rendered.
 #[derive(Args, Default)]
 #[command(next_help_heading = "Image")]
-pub struct PartOptions {
+pub struct ExtentOptions {
     /// Render only this part of the image; X and Y are pixels from the left and from the top
     #[arg(long, value_name = "X,Y,WIDTH,HEIGHT", value_parser = crop, allow_hyphen_values = true)]
     crop: Option<Crop>,
@@ -22,14 +22,14 @@ pub struct PartOptions {
     samples: Option<SampleRange>,
 }
 
-impl PartOptions {
+impl ExtentOptions {
     /// The user requests a piece of the image.
     pub fn is_piece(&self) -> bool {
         self.samples.is_some()
     }
 }
 
-/// The settings of one render, but for the part of the image.
+/// The settings of one render, but for its pixels and samples.
 #[derive(Args)]
 #[command(next_help_heading = "Image")]
 pub struct RenderOptions {
@@ -75,32 +75,32 @@ impl RenderOptions {
     }
 
     /// As [`SettingsOptions::check`].
-    pub fn check(&self, part: &PartOptions) -> Result<()> {
-        self.of_aspect(1.0, part).check()
+    pub fn check(&self, extent: &ExtentOptions) -> Result<()> {
+        self.of_aspect(1.0, extent).check()
     }
 
     /// As [`SettingsOptions::settings`].
-    pub fn settings(&self, camera: &Camera, part: &PartOptions) -> Result<Settings> {
-        let settings = self.of_aspect(CameraUniform::aspect(camera), part);
+    pub fn settings(&self, camera: &Camera, extent: &ExtentOptions) -> Result<Settings> {
+        let settings = self.of_aspect(CameraUniform::aspect(camera), extent);
         settings.check()?;
         Ok(settings)
     }
 
-    fn of_aspect(&self, aspect: f32, part: &PartOptions) -> Settings {
+    fn of_aspect(&self, aspect: f32, extent: &ExtentOptions) -> Settings {
         let mut settings = self.settings.settings_of_aspect(aspect);
         settings.technique = self.technique.0.unwrap_or_default();
         settings.image.spp = self.spp.unwrap_or(settings.image.spp);
         settings.image.sampling = self.sampling.unwrap_or_default();
         settings.image.aovs = self.aov.clone().unwrap_or_default().0;
-        settings.image.crop = part.crop;
-        settings.image.piece = part.samples;
+        settings.image.crop = extent.crop;
+        settings.image.piece = extent.samples;
         settings.image.background = self.background;
         settings
     }
 
     /// As [`Settings::is_unbiased`].
     pub fn is_unbiased(&self) -> bool {
-        self.of_aspect(1.0, &PartOptions::default()).is_unbiased()
+        self.of_aspect(1.0, &ExtentOptions::default()).is_unbiased()
     }
 
     /// The user names no technique.

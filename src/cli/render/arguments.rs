@@ -10,7 +10,7 @@ use penumbra::{Denoiser, Error, Image, Result};
 
 use super::files::{Files, is_exr};
 use crate::cli::options::{
-    DeviceOptions, OidnOptions, PartOptions, RenderOptions, SceneOptions, denoisers, finite, positive,
+    DeviceOptions, ExtentOptions, OidnOptions, RenderOptions, SceneOptions, denoisers, finite, positive,
 };
 use crate::cli::sequence::{Frame, SequenceOptions};
 
@@ -69,7 +69,7 @@ pub struct Arguments {
     pub settings: RenderOptions,
 
     #[command(flatten)]
-    pub part: PartOptions,
+    pub extent: ExtentOptions,
 
     /// Finish within this time, including reading, denoising and writing, unless it is too short for one sample; --spp
     /// is then only an upper limit, and there is none by default
@@ -94,7 +94,7 @@ fn time_budget(text: &str) -> std::result::Result<Duration, String> {
 impl Arguments {
     /// Checks everything that can be checked before the scene is read.
     pub fn check(&self) -> Result<()> {
-        self.settings.check(&self.part)?;
+        self.settings.check(&self.extent)?;
         self.sequence.check_names(self.output.iter().chain(&self.stats))?;
         let files = self.files(self.sequence.first());
         for path in &files.outputs {
@@ -119,7 +119,7 @@ impl Arguments {
 
     /// Checks that a piece has sums that can be merged, and samples that no other piece decides.
     fn check_piece(&self) -> Result<()> {
-        if !self.part.is_piece() {
+        if !self.extent.is_piece() {
             return Ok(());
         }
         if self.noise.is_some() {
@@ -161,7 +161,7 @@ impl Arguments {
 
     /// The denoiser. If it cannot be used: an empty one, and the error.
     pub fn denoiser(&self) -> (Denoiser, Option<Error>) {
-        if self.part.is_piece() {
+        if self.extent.is_piece() {
             return (Denoiser::default(), None);
         }
         let shows = self.output.iter().any(|path| !is_exr(path));

@@ -29,36 +29,36 @@ pub(super) fn relative(colour: &Colour, square: impl Fn(usize) -> f64) -> f64 {
     (0..3).map(|c| square(c) / (f64::from(colour[c]).powi(2) + RELMSE_FLOOR)).sum::<f64>() / 3.0
 }
 
-/// A part of the light of a render, direct or indirect: a pixel each, row by row from the top.
-pub struct Part {
+/// A component of the light of a render, direct or indirect: a pixel each, row by row from the top.
+pub struct Component {
     /// Means of the samples.
     pub mean: Vec<Colour>,
     /// Variances of these means, computed as for independent samples.
     pub variance: Vec<Colour>,
 }
 
-/// The light of some samples of each pixel: the sum of its parts.
+/// The light of some samples of each pixel: the sum of its components.
 pub struct Light {
     /// Direct light, and indirect light if there is any.
-    pub parts: Vec<Part>,
+    pub components: Vec<Component>,
 }
 
 impl Light {
-    /// The sum of the parts.
+    /// The sum of the components.
     pub fn colour(&self) -> Vec<Colour> {
-        self.sum(|part| &part.mean)
+        self.sum(|component| &component.mean)
     }
 
-    /// The sum of the parts' variances.
+    /// The sum of the components' variances.
     fn variance(&self) -> Vec<Colour> {
-        self.sum(|part| &part.variance)
+        self.sum(|component| &component.variance)
     }
 
-    fn sum(&self, pick: impl Fn(&Part) -> &Vec<Colour>) -> Vec<Colour> {
-        let mut sum = pick(&self.parts[0]).clone();
-        for part in &self.parts[1..] {
+    fn sum(&self, pick: impl Fn(&Component) -> &Vec<Colour>) -> Vec<Colour> {
+        let mut sum = pick(&self.components[0]).clone();
+        for component in &self.components[1..] {
             let add = |(sum, more): (&mut Colour, &Colour)| (0..3).for_each(|c| sum[c] += more[c]);
-            sum.iter_mut().zip(pick(part)).for_each(add);
+            sum.iter_mut().zip(pick(component)).for_each(add);
         }
         sum
     }

@@ -4,7 +4,7 @@ use kernel_kit::Gpu;
 use rayon::prelude::*;
 
 use super::stratification::{ratios, reduced};
-use super::{Colour, Filter, Filtered, Guides, Light, Noisy, Part, on_all_cores};
+use super::{Colour, Component, Filter, Filtered, Guides, Light, Noisy, on_all_cores};
 use crate::passes::denoise::{Denoise, DenoiseParameters, PIXEL_VECTORS, REACH};
 use crate::specialisation::device_features;
 use crate::specialisation::features::Features;
@@ -19,7 +19,7 @@ const BAND_PIXELS: u32 = 1 << 20;
 const SECONDS_PER_PIXEL: f64 = 3.6e-6;
 
 /// Pixels whose logarithms a thread adds: enough to be worth handing out.
-const TYPICAL_PART: usize = 1 << 14;
+const TYPICAL_CHUNK: usize = 1 << 14;
 
 /// The statistical denoiser as one of several.
 pub(super) struct Statistical;
@@ -66,11 +66,11 @@ impl<'g> StatisticalDenoiser<'g> {
         let filter = |light: &Light, samples| self.filter(noisy.size, samples, light, &noisy.guides);
         let (all, samples) = (&noisy.all, noisy.half_samples.iter().sum());
         let Some(halves) = &noisy.halves else { return Ok(Filtered { all: filter(all, samples)?, halves: None }) };
-        let of_part = |(part, whole): (usize, &Part)| {
-            let means = halves.each_ref().map(|half| half.parts[part].mean.as_slice());
+        let of_component = |(index, whole): (usize, &Component)| {
+            let means = halves.each_ref().map(|half| half.components[index].mean.as_slice());
             ratios(noisy.size, &whole.variance, means, noisy.half_samples)
         };
-        let ratios: Vec<Vec<f32>> = all.parts.iter().enumerate().map(of_part).collect();
+        let ratios: Vec<Vec<f32>> = all.components.iter().enumerate().map(of_component).collect();
         let half = |half: usize| filter(&reduced(&halves[half], &ratios, true), noisy.half_samples[half]);
         let all = filter(&reduced(all, &ratios, false), samples)?;
         Ok(Filtered { all, halves: Some([half(0)?, half(1)?]) })
@@ -90,8 +90,8 @@ impl<'g> StatisticalDenoiser<'g> {
         guides: &Guides,
     ) -> Result<Vec<Colour>> {
         let count = width as usize * height as usize;
-        let none = Part { mean: vec![[0.0; 3]; count], variance: vec![[0.0; 3]; count] };
-        let [direct, indirect] = [0, 1].map(|part| light.parts.get(part).unwrap_or(&none));
+        let none = Component { mean: vec![[0.0; 3]; count], variance: vec![[0.0; 3]; count] };
+        let [direct, indirect] = [0, 1].map(|index| light.components.get(index).unwrap_or(&none));
         let Guides { albedo, normal, position } = guides;
         let arrays = [&direct.mean, &direct.variance, &indirect.mean, &indirect.variance, albedo, normal, position];
         if let Some(wrong) = arrays.iter().find(|array| array.len() != count) {
@@ -153,13 +153,13 @@ impl Band {
 /// The geometric mean of the positive values, rounded to a power of two, by which images in any unit are scaled to
 /// about 1; 1 if there are no positive values.
 pub(super) fn typical(colours: &[Colour]) -> f32 {
-    let of_part = |colours: &[Colour]| {
+    let of_chunk = |colours: &[Colour]| {
         let positive = colours.iter().flatten().filter(|value| value.is_normal() && **value > 0.0);
         positive.fold((0.0, 0u32), |(sum, count), value| (sum + f64::from(value.log2()), count + 1))
     };
-    // The sums of the parts are added in order, so that the result does not depend on the threads.
-    let parts: Vec<(f64, u32)> = colours.par_chunks(TYPICAL_PART).map(of_part).collect();
-    let (sum, count) = parts.iter().fold((0.0, 0), |(sum, count), part| (sum + part.0, count + part.1));
+    // The sums of the chunks are added in order, so that the result does not depend on the threads.
+    let chunks: Vec<(f64, u32)> = colours.par_chunks(TYPICAL_CHUNK).map(of_chunk).collect();
+    let (sum, count) = chunks.iter().fold((0.0, 0), |(sum, count), chunk| (sum + chunk.0, count + chunk.1));
     // The squares of the factor and of its inverse stay finite.
     if count == 0 { 1.0 } else { (sum / f64::from(count)).clamp(-60.0, 60.0).round().exp2() as f32 }
 }

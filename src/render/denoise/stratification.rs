@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::mixture::of_regions;
-use super::{Colour, Light, Part};
+use super::{Colour, Component, Light};
 
 /// The part of the halves' ratio that remains for all samples, and for a half alone, where samples are stratified well
 /// (a ratio near 0). Halves avoid each other too, so their difference has more noise than each of them. Measured with
@@ -36,15 +36,16 @@ pub fn ratios(size: [u32; 2], variance: &[Colour], halves: [&[Colour]; 2], half_
     found.iter().zip(&expected).map(ratio).map(known).collect()
 }
 
-/// The light with the variances that stratified samples have, by the [`ratios`] of its parts; of one half or of all.
+/// The light with the variances that stratified samples have, by the [`ratios`] of its components; of one half or of
+/// all.
 pub fn reduced(light: &Light, ratios: &[Vec<f32>], is_half: bool) -> Light {
     let rest = if is_half { REST_OF_HALF } else { REST_OF_ALL };
     // The more samples are like independent ones, the more of the ratio remains.
     let factor = |ratio: f32| ratio * (rest + (1.0 - rest) * ratio);
-    let part = |(part, ratios): (&Part, &Vec<f32>)| {
+    let component = |(component, ratios): (&Component, &Vec<f32>)| {
         let scaled = |(variance, ratio): (&Colour, &f32)| variance.map(|x| x * factor(*ratio));
-        let variance = part.variance.par_iter().zip(ratios).map(scaled).collect();
-        Part { mean: part.mean.clone(), variance }
+        let variance = component.variance.par_iter().zip(ratios).map(scaled).collect();
+        Component { mean: component.mean.clone(), variance }
     };
-    Light { parts: light.parts.iter().zip(ratios).map(part).collect() }
+    Light { components: light.components.iter().zip(ratios).map(component).collect() }
 }

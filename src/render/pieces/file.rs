@@ -209,7 +209,7 @@ impl Piece {
             s.image.denoise = if s.image.denoise == Denoise::None { Denoise::None } else { Denoise::Auto };
         });
         let device = &renderer.gpu.info;
-        let Crop { x, y, width, height } = image.part();
+        let Crop { x, y, width, height } = image.crop_window();
         let Normalisation { centre, exponent } = renderer.scene.normalisation;
         let whole = Whole {
             format: FORMAT,

@@ -163,8 +163,8 @@ impl PieceSums {
             quantity => samples_of(buffers, *quantity).is_some(),
         };
         let quantities = Quantity::ALL.into_iter().filter(has).collect();
-        let part = image.part();
-        let pixels = part.width as usize * part.height as usize;
+        let crop = image.crop_window();
+        let pixels = crop.width as usize * crop.height as usize;
         let range = SampleRange { end: range.first, ..range };
         PieceSums { quantities, range, half, pixels, nodes: Vec::new(), batch: Vec::new() }
     }
