@@ -13,7 +13,7 @@ use super::record_grid::{RecordGrid, weight};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::kernels::RECORD_MIN_WEIGHT;
-use crate::passes::cache::{Blocks, BoundCache, Cache, CacheBuffers, ImageArea, ViewRecords, wanted};
+use crate::passes::cache::{BlockGrid, BoundCache, Cache, CacheBuffers, ImageArea, ViewRecords, wanted};
 use crate::passes::gather::{
     BoundGather, Gather, GatherSettings, RayBuffers, RecordBuffers, RecordHead, Wave, min_radius,
 };
@@ -420,7 +420,7 @@ fn neighbour_distances(heads: &[RecordHead], radius: impl Fn(f32, f32) -> f32 + 
 
 /// The records that those before them do not cover, by the measure by which points need records.
 fn uncovered(heads: &[RecordHead], camera: &CameraUniform, image: &ImageSettings) -> Vec<usize> {
-    let blocks = Blocks::new([image.width, image.height]);
+    let blocks = BlockGrid::new([image.width, image.height]);
     let mut by_block = vec![Vec::<usize>::new(); blocks.count()];
     let mut kept = Vec::new();
     for (id, head) in heads.iter().enumerate() {

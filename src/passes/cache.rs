@@ -35,7 +35,7 @@ bindings! {
 
 /// The irradiance records of a view, by block of the image; see `shaders/lib/record.wgsl`.
 pub struct ViewRecords {
-    blocks: Blocks,
+    blocks: BlockGrid,
     heads: Table,
     values: Table,
     starts: Table,
@@ -61,7 +61,7 @@ impl ViewRecords {
         size: [u32; 2],
         reach: impl Fn(&RecordHead) -> Option<ImageArea>,
     ) -> Result<ViewRecords> {
-        let blocks = Blocks::new(size);
+        let blocks = BlockGrid::new(size);
         let spans: Vec<BlockSpan> = heads.iter().map(|head| blocks.span(reach(head))).collect();
         let (starts, records) = sort_by_block(&spans, &blocks);
         let mut frame = gpu.frame("cache");
@@ -80,20 +80,20 @@ impl ViewRecords {
 /// A range of columns of blocks, and a range of rows; ends are excluded.
 type BlockSpan = [[u32; 2]; 2];
 
-/// The blocks of an image, row by row.
+/// The division of an image into blocks, row by row.
 #[derive(Clone, Copy)]
-pub struct Blocks {
+pub struct BlockGrid {
     /// The size of the image in blocks.
     size: [f32; 2],
     columns: u32,
     rows: u32,
 }
 
-impl Blocks {
+impl BlockGrid {
     /// The blocks of an image of `size` pixels.
-    pub fn new(size: [u32; 2]) -> Blocks {
+    pub fn new(size: [u32; 2]) -> BlockGrid {
         let [columns, rows] = size.map(|side| side.div_ceil(BLOCK));
-        Blocks { size: size.map(|side| side as f32 / BLOCK as f32), columns, rows }
+        BlockGrid { size: size.map(|side| side as f32 / BLOCK as f32), columns, rows }
     }
 
     /// Their number.
@@ -123,7 +123,7 @@ impl Blocks {
 
 /// The index of each block's first entry, with the total at the end; and the records, sorted by the blocks that they
 /// reach.
-fn sort_by_block(spans: &[BlockSpan], blocks: &Blocks) -> (Vec<u32>, Vec<u32>) {
+fn sort_by_block(spans: &[BlockSpan], blocks: &BlockGrid) -> (Vec<u32>, Vec<u32>) {
     let mut starts = vec![0u32; blocks.count() + 1];
     spans.iter().flat_map(|span| blocks.of_span(*span)).for_each(|block| starts[block + 1] += 1);
     for block in 1..starts.len() {
@@ -261,12 +261,12 @@ pub struct BoundCache {
     interpolate: BoundKernel,
     change: BoundKernel,
     arrange_paths: BoundKernel,
-    blocks: Blocks,
+    blocks: BlockGrid,
 }
 
 impl BoundCache {
     fn parameters(&self, tile: &Tile) -> CacheParameters {
-        let Blocks { size: blocks, columns: block_columns, rows: block_rows } = self.blocks;
+        let BlockGrid { size: blocks, columns: block_columns, rows: block_rows } = self.blocks;
         CacheParameters { tile: *tile, blocks, block_columns, block_rows }
     }
 

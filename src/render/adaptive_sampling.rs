@@ -9,12 +9,12 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::blocks::{Blocks, PixelErrors};
 use super::denoise::{Colour, Denoiser, relative};
 use super::noisy::add_background;
 use super::output::Film;
 use super::picture::{behind, colour_of};
 use super::renderer::Renderer;
+use super::sample_allocation::{PixelErrors, SampleAllocation};
 use super::tiles::first_half;
 use crate::Result;
 use crate::passes::film::{Plane, Sum};
@@ -46,18 +46,18 @@ impl Renderer<'_> {
             let unaudited = unaudited(&self.totals, self.settings.visibility_map.audit, self.mean_samples());
             let ImageSettings { spp, .. } = self.settings.image;
             let width = self.settings.image.crop_window().width;
-            if let Some(blocks) = &mut self.sampling.blocks {
-                let errors = blocks.errors(&errors, width);
-                blocks.choose(&errors, noise - unaudited, spp, share);
+            if let Some(allocation) = &mut self.sampling.allocation {
+                let errors = allocation.errors(&errors, width);
+                allocation.choose(&errors, noise - unaudited, spp, share);
             }
         }
-        Ok(self.sampling.blocks.as_ref().is_some_and(|blocks| !blocks.is_complete()))
+        Ok(self.sampling.allocation.as_ref().is_some_and(|allocation| !allocation.is_complete()))
     }
 
     /// A note if [`ImageSettings::noise`] was not reached, because samples or time ended the render.
     pub fn note_on_noise(&self) -> Option<String> {
         let noise = self.settings.image.noise?;
-        let [above, all] = self.sampling.blocks.as_ref()?.above();
+        let [above, all] = self.sampling.allocation.as_ref()?.above();
         let rest = "were above it when they were last estimated";
         (above > 0).then(|| format!("a noise of {noise:e} was not reached everywhere: {above} of {all} blocks {rest}"))
     }
@@ -125,7 +125,7 @@ impl Renderer<'_> {
 
     /// Whether the pixels have all samples of the last decision, and enough of them to estimate their noise.
     fn is_decision_due(&self) -> bool {
-        self.sampling.samples > 1 && self.sampling.blocks.as_ref().is_some_and(Blocks::is_complete)
+        self.sampling.samples > 1 && self.sampling.allocation.as_ref().is_some_and(SampleAllocation::is_complete)
     }
 
     /// Whether a decision is due on which pixels get more samples, in adaptive sampling with a fixed budget.
@@ -144,8 +144,8 @@ impl Renderer<'_> {
             None => self.raw_errors()?,
         };
         let mean = self.sampling.samples.saturating_mul(2);
-        if let Some(blocks) = &mut self.sampling.blocks {
-            blocks.allocate_samples(&errors, mean);
+        if let Some(allocation) = &mut self.sampling.allocation {
+            allocation.allocate_samples(&errors, mean);
         }
         let seconds = start.elapsed().as_secs_f64();
         self.totals.time_render += seconds;
@@ -169,7 +169,10 @@ impl Renderer<'_> {
     /// Samples of a pixel so far.
     pub(super) fn samples_of(&self, pixel: usize) -> u32 {
         let width = self.settings.image.crop_window().width;
-        self.sampling.blocks.as_ref().map_or(self.sampling.samples, |blocks| blocks.samples_of(pixel, width))
+        self.sampling
+            .allocation
+            .as_ref()
+            .map_or(self.sampling.samples, |allocation| allocation.samples_of(pixel, width))
     }
 
     /// Mean number of samples of a pixel so far.

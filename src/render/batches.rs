@@ -3,9 +3,9 @@
 
 use std::time::Instant;
 
-use super::blocks::{Blocks, EqualBlocks};
 use super::denoise::Denoiser;
 use super::renderer::Renderer;
+use super::sample_allocation::{EqualBlocks, SampleAllocation};
 use super::tiles::TileFilm;
 use crate::Result;
 use crate::light_transport::audits::Precautions;
@@ -69,7 +69,7 @@ impl Renderer<'_> {
     /// `spp` samples per pixel.
     pub(super) fn add_samples(&mut self, limit: u32, spp: u32) -> Result<Progress> {
         self.begin_trial(spp)?;
-        if self.sampling.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
+        if self.sampling.allocation.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());
         }
         self.allocate_samples()?;
@@ -89,7 +89,7 @@ impl Renderer<'_> {
         let decided = self.totals.decided_points();
         let mut points = 0;
         for tile in 0..self.view.tiles.len() {
-            if self.sampling.blocks.is_none() {
+            if self.sampling.allocation.is_none() {
                 points += self.render_tile(tile, first_sample, layers, None)?;
             }
             for equal in &blocks {
@@ -100,8 +100,8 @@ impl Renderer<'_> {
             sums.end();
         }
         self.sampling.samples = self.sampling.samples.max(first_sample + layers - self.settings.image.range().first);
-        if let Some(all) = &mut self.sampling.blocks {
-            all.add(&blocks);
+        if let Some(allocation) = &mut self.sampling.allocation {
+            allocation.add(&blocks);
         }
         self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, points);
         self.totals.add_audits(&decided);
@@ -125,12 +125,12 @@ impl Renderer<'_> {
         let first_sample = self.first_sample(equal.as_ref());
         let layers = self.layers_of_batch(limit, first_sample, equal.as_ref());
         let share = self.share_of_pixels(equal.as_ref());
-        let blocks = match (&self.sampling.blocks, equal) {
+        let blocks = match (&self.sampling.allocation, equal) {
             (Some(_), Some(mut equal)) => {
                 equal.samples = layers;
                 vec![equal]
             }
-            (Some(all), None) => all.to_raise_mean(layers, first_sample),
+            (Some(allocation), None) => allocation.to_raise_mean(layers, first_sample),
             (None, _) => Vec::new(),
         };
         NextSamples { first_sample, layers, share, blocks }
@@ -148,12 +148,16 @@ impl Renderer<'_> {
     /// The blocks of the next batch, where blocks must reach a small error; `None` in adaptive sampling with a fixed
     /// budget.
     fn blocks_of_batch(&self) -> Option<EqualBlocks> {
-        self.sampling.blocks.as_ref().filter(|_| self.settings.image.noise.is_some()).and_then(Blocks::next_equal)
+        self.sampling
+            .allocation
+            .as_ref()
+            .filter(|_| self.settings.image.noise.is_some())
+            .and_then(SampleAllocation::next_equal)
     }
 
     /// The share of the pixels that are in the batch's blocks; without blocks all are.
     fn share_of_pixels(&self, blocks: Option<&EqualBlocks>) -> f64 {
-        self.sampling.blocks.as_ref().zip(blocks).map_or(1.0, |(all, blocks)| all.share_of(blocks))
+        self.sampling.allocation.as_ref().zip(blocks).map_or(1.0, |(allocation, blocks)| allocation.share_of(blocks))
     }
 
     /// Expected seconds of one sample of each pixel of the next batch; `None` before the first batch.
@@ -280,12 +284,12 @@ impl Renderer<'_> {
     /// many pixels get samples.
     pub(super) fn list_pixels(&self, film: &TileFilm, blocks: Option<&EqualBlocks>) -> (Option<Vec<u32>>, u32) {
         let width = self.settings.image.crop_window().width;
-        let (Some(all), Some(blocks), Some(sampled)) =
-            (&self.sampling.blocks, blocks, &self.view.buffers.sampled_pixels)
+        let (Some(allocation), Some(blocks), Some(sampled)) =
+            (&self.sampling.allocation, blocks, &self.view.buffers.sampled_pixels)
         else {
             return (None, film.rows().len() as u32 * width);
         };
-        let pixels = blocks.pixels(all, film.rows(), width);
+        let pixels = blocks.pixels(allocation, film.rows(), width);
         sampled.set(self.gpu, &pixels, film.rows().len() * width as usize);
         let count = pixels.len() as u32;
         (Some(pixels), count)

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::blocks::Blocks;
+use super::sample_allocation::SampleAllocation;
 use crate::fingerprint::digest;
 use crate::render::film::{read_file, write_atomically};
 use crate::statistics::totals::Totals;
@@ -32,7 +32,7 @@ pub(super) struct Header {
     pub stage: i32,
     /// `None` before the first sample, and if estimates do not decide the stage.
     pub growth: Option<GrowthHeader>,
-    pub blocks: Option<Blocks>,
+    pub blocks: Option<SampleAllocation>,
     pub batches: u32,
     /// How the next batch is shaded.
     pub shade_at_once: bool,

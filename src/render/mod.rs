@@ -15,7 +15,6 @@
 mod adaptive_sampling;
 mod backup;
 mod batches;
-mod blocks;
 mod checkpoint;
 mod conditioning;
 pub mod denoise;
@@ -37,6 +36,7 @@ pub mod recovery;
 mod refinement;
 mod renderer;
 mod resume;
+mod sample_allocation;
 mod sampling_state;
 mod tiles;
 mod time_limit;

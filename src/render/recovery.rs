@@ -148,7 +148,7 @@ impl Renderer<'_> {
     fn salvage(&mut self) -> Option<Box<Salvage>> {
         let kept = self.backup.take()?.state?;
         self.sampling.samples = kept.header.samples;
-        self.sampling.blocks.clone_from(&kept.header.blocks);
+        self.sampling.allocation.clone_from(&kept.header.blocks);
         self.totals = kept.header.totals.clone();
         let image = output::image(self, Some(&kept)).ok()?;
         let statistics = output::statistics(self, self.without_earlier_renders(self.gpu.known_pass_times()));

@@ -6,9 +6,9 @@ use std::time::Instant;
 
 use glam::{DVec3, DVec4};
 
-use super::blocks::Blocks;
 use super::growth::{AVOIDANCE, Growth, errors_of_rays, mean_error, wants_rays};
 use super::renderer::Renderer;
+use super::sample_allocation::SampleAllocation;
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::light_transport::caustic_map::CausticMap;
@@ -194,8 +194,8 @@ impl Renderer<'_> {
             let first_pixel = changes.len();
             changes.resize(first_pixel + film.rows().len() * self.settings.image.crop_window().width as usize, 0.0);
             let of_film = &mut changes[first_pixel..];
-            let by_samples = |all: &Blocks| all.by_samples().map(Some).collect();
-            for blocks in self.sampling.blocks.as_ref().map_or(vec![None], by_samples) {
+            let by_samples = |allocation: &SampleAllocation| allocation.by_samples().map(Some).collect();
+            for blocks in self.sampling.allocation.as_ref().map_or(vec![None], by_samples) {
                 let samples = blocks.as_ref().map_or(self.sampling.samples, |blocks| blocks.first_sample);
                 let (pixels, pixel_count) = self.list_pixels(film, blocks.as_ref());
                 if pixel_count == 0 || samples == 0 {

@@ -55,7 +55,7 @@ impl Renderer<'_> {
                 .growth
                 .as_ref()
                 .map(|Growth { samples, errors, .. }| GrowthHeader { samples: *samples, has_errors: errors.is_some() }),
-            blocks: self.sampling.blocks.clone(),
+            blocks: self.sampling.allocation.clone(),
             batches: self.sampling.batches,
             shade_at_once: self.sampling.shade_at_once,
             has_visibility_map: self.view.lighting.visibility_map.is_some(),
@@ -115,7 +115,7 @@ impl Renderer<'_> {
         self.restore_stage(header.stage)?;
         self.sampling.samples = header.samples;
         self.sampling.growth = growth;
-        self.sampling.blocks.clone_from(&header.blocks);
+        self.sampling.allocation.clone_from(&header.blocks);
         self.sampling.batches = header.batches;
         self.sampling.shade_at_once = header.shade_at_once;
         self.totals = header.totals.clone().after(&self.totals);
@@ -131,8 +131,8 @@ impl Renderer<'_> {
             && (!has_map || header.totals.photons.len() == self.totals.photons.len())
             && header.samples <= image.range().count()
             && header.stage <= LAST_STAGE
-            && header.blocks.is_some() == self.sampling.blocks.is_some()
-            && header.blocks.as_ref().is_none_or(|blocks| blocks.fits(image))
+            && header.blocks.is_some() == self.sampling.allocation.is_some()
+            && header.blocks.as_ref().is_none_or(|allocation| allocation.fits(image))
     }
 
     /// The growth of indirect light, whose pixels are the first of the words in `rest`; these are taken off. `None` if

@@ -1,7 +1,7 @@
 //! The samples of a view so far.
 
-use super::blocks::{Blocks, PixelErrors};
 use super::growth::Growth;
+use super::sample_allocation::{PixelErrors, SampleAllocation};
 use crate::settings::ImageSettings;
 
 /// The samples of a view so far, and what decides on its next ones.
@@ -11,7 +11,7 @@ pub(super) struct SamplingState {
     /// Calls of [`render_batch`](super::Renderer::render_batch) so far.
     pub batches: u32,
     /// Which pixels get samples, if some get more than others.
-    pub blocks: Option<Blocks>,
+    pub allocation: Option<SampleAllocation>,
     /// Estimated errors of pixels that decided on gather rays, kept for the decision on samples that follows.
     pub errors: Option<PixelErrors>,
     /// The estimates that decide when records get more gather rays; `None` before the first sample.
@@ -30,7 +30,7 @@ impl SamplingState {
         SamplingState {
             samples: 0,
             batches: 0,
-            blocks: Blocks::of(image),
+            allocation: SampleAllocation::of(image),
             errors: None,
             growth: None,
             shade_at_once,

@@ -93,8 +93,8 @@ impl Renderer<'_> {
             return true;
         }
         let fits_alone = self.is_allocation_due() && self.seconds_of_sample().is_some_and(|sample| sample <= seconds);
-        if let Some(blocks) = self.sampling.blocks.as_mut().filter(|_| fits_alone) {
-            blocks.double();
+        if let Some(allocation) = self.sampling.allocation.as_mut().filter(|_| fits_alone) {
+            allocation.double();
         }
         fits_alone
     }

@@ -1,4 +1,4 @@
-//! The blocks of pixels that adaptive sampling gives samples to, or single pixels: how many each has, and which are
+//! How adaptive sampling allocates samples to blocks of pixels, or to single pixels: how many each has, and which are
 //! next. Numbers of samples double where they grow, so that samples remain stratified.
 
 use std::collections::BTreeMap;
@@ -44,7 +44,7 @@ const OCTAVE_BITS: i32 = 10;
 
 /// The samples of each block so far, and which ones are next.
 #[derive(Clone, Serialize, Deserialize)]
-pub(super) struct Blocks {
+pub(super) struct SampleAllocation {
     /// Side of a block in pixels.
     side: u32,
     /// Blocks in a row of the image.
@@ -83,22 +83,22 @@ pub(super) struct PixelErrors {
     pub of_pixels: Vec<f64>,
 }
 
-impl Blocks {
+impl SampleAllocation {
     /// The blocks of an image whose pixels get different numbers of samples; `None` if all get the same number.
-    pub fn of(image: &ImageSettings) -> Option<Blocks> {
+    pub fn of(image: &ImageSettings) -> Option<SampleAllocation> {
         if image.noise.is_some() {
-            Some(Blocks::new(image, SIDE, image.spp.min(MIN_SAMPLES)))
+            Some(SampleAllocation::new(image, SIDE, image.spp.min(MIN_SAMPLES)))
         } else {
-            image.allocates_samples().then(|| Blocks::new(image, 1, 2))
+            image.allocates_samples().then(|| SampleAllocation::new(image, 1, 2))
         }
     }
 
     /// Blocks without samples. All of them get `target` samples first.
-    fn new(image: &ImageSettings, side: u32, target: u32) -> Blocks {
+    fn new(image: &ImageSettings, side: u32, target: u32) -> SampleAllocation {
         let crop = image.crop_window();
         let [columns, rows] = [crop.width, crop.height].map(|pixels| pixels.div_ceil(side));
         let mut blocks =
-            Blocks { side, columns, samples: vec![0; (columns * rows) as usize], next: Vec::new(), above: 0 };
+            SampleAllocation { side, columns, samples: vec![0; (columns * rows) as usize], next: Vec::new(), above: 0 };
         blocks.next = blocks.in_order().map(|block| Next { block, target }).collect();
         blocks
     }
@@ -115,7 +115,7 @@ impl Blocks {
 
     /// Whether the blocks belong to an image of this size.
     pub fn fits(&self, image: &ImageSettings) -> bool {
-        let Some(new) = Blocks::of(image) else { return false };
+        let Some(new) = SampleAllocation::of(image) else { return false };
         let is_block = |next: &Next| (next.block as usize) < new.samples.len();
         let is_size = (self.side, self.columns, self.samples.len()) == (new.side, new.columns, new.samples.len());
         is_size && self.next.iter().all(is_block)
@@ -159,7 +159,7 @@ impl Blocks {
         for EqualBlocks { blocks, samples, .. } in rendered {
             blocks.iter().for_each(|block| self.samples[*block as usize] += samples);
         }
-        let Blocks { samples, next, .. } = self;
+        let SampleAllocation { samples, next, .. } = self;
         next.retain(|next| samples[next.block as usize] < next.target);
     }
 
@@ -290,7 +290,7 @@ impl Blocks {
 
 impl EqualBlocks {
     /// Their pixels in some rows of the image, by their indices there, block by block. `all` has all blocks.
-    pub fn pixels(&self, all: &Blocks, rows: Range<u32>, width: u32) -> Vec<u32> {
+    pub fn pixels(&self, all: &SampleAllocation, rows: Range<u32>, width: u32) -> Vec<u32> {
         let in_block = |block: &u32| {
             let side = all.side;
             let [x, y] = [block % all.columns * side, block / all.columns * side];
@@ -325,19 +325,20 @@ mod tests {
     const SHARE: f64 = 0.125;
 
     /// The blocks of an image in adaptive sampling to a noise threshold.
-    fn blocks(width: u32, height: u32, spp: u32) -> Blocks {
-        Blocks::of(&ImageSettings { width, height, spp, noise: Some(0.1), ..ImageSettings::default() }).unwrap()
+    fn blocks(width: u32, height: u32, spp: u32) -> SampleAllocation {
+        SampleAllocation::of(&ImageSettings { width, height, spp, noise: Some(0.1), ..ImageSettings::default() })
+            .unwrap()
     }
 
     /// The pixels of an image in adaptive sampling with a fixed budget.
-    fn pixels(width: u32, height: u32, spp: u32) -> Blocks {
+    fn pixels(width: u32, height: u32, spp: u32) -> SampleAllocation {
         let sampling = Sampling::Adaptive;
-        Blocks::of(&ImageSettings { width, height, spp, sampling, ..ImageSettings::default() }).unwrap()
+        SampleAllocation::of(&ImageSettings { width, height, spp, sampling, ..ImageSettings::default() }).unwrap()
     }
 
     /// Adds all samples of the blocks that are next, at most `layers` at a time. Returns the blocks that got samples
     /// together, the first sample, and how many they got.
-    fn render(adaptive: &mut Blocks, layers: u32) -> Vec<(Vec<u32>, u32, u32)> {
+    fn render(adaptive: &mut SampleAllocation, layers: u32) -> Vec<(Vec<u32>, u32, u32)> {
         let mut rendered = Vec::new();
         while let Some(mut equal) = adaptive.next_equal() {
             equal.samples = equal.samples.min(layers);
@@ -411,7 +412,7 @@ mod tests {
     fn tiles_list_each_pixel_once() {
         let mut adaptive = blocks(26, 19, 64);
         let tiles = [0..5, 5..6, 6..16, 16..19];
-        let pixels = |adaptive: &Blocks| -> Vec<u32> {
+        let pixels = |adaptive: &SampleAllocation| -> Vec<u32> {
             let equal = adaptive.next_equal().unwrap();
             let of_rows = |rows: &Range<u32>| -> Vec<u32> {
                 equal.pixels(adaptive, rows.clone(), 26).into_iter().map(|i| i + rows.start * 26).collect()
@@ -444,7 +445,7 @@ mod tests {
 
     /// Raises the mean of all pixels by `layers`. Returns how many pixels got samples together, the first sample, and
     /// how many they got.
-    fn raise_mean(blocks: &mut Blocks, layers: u32, mean: u32) -> Vec<(usize, u32, u32)> {
+    fn raise_mean(blocks: &mut SampleAllocation, layers: u32, mean: u32) -> Vec<(usize, u32, u32)> {
         let next = blocks.to_raise_mean(layers, mean);
         blocks.add(&next);
         next.into_iter().map(|equal| (equal.blocks.len(), equal.first_sample, equal.samples)).collect()
