@@ -79,7 +79,8 @@ var<immediate> gather_pass: GatherParameters;
 // Gradients of fewer rays are mostly noise. They would shrink records without need, and so multiply them: in
 // scenes/sphere.glb 16 rays left 7,500 records, where 4,096 rays leave 1,500.
 const MIN_RAYS_OF_SLOPE = 64u;
-// Distance of a ray without a hit.
+// Distance of a ray without a hit, and of a record that is not used. Its inverse adds nothing to those of hits, which
+// are at least 1 / BEYOND_SCENE. It is not 0 either, so that the harmonic mean is finite if no ray has a hit.
 const NO_DISTANCE = 1e30;
 
 struct GatherRay {
@@ -130,7 +131,8 @@ fn gather_ray(id: u32) -> GatherRay {
     let sine = sqrt(xi.x);
     let cosine = sqrt(1.0 - xi.x);
     let direction = normalize(basis(oct_decode16(origin.normal)) * vec3f(sine * circle_point(xi.y), cosine));
-    let pdf = select(0.0, max(cosine, 1e-3) / PI, dot(direction, geometric) > 0.0);
+    // Not 0 for a direction along the surface: as xi.x is below 1, the cosine is at least 2^-12.
+    let pdf = select(0.0, cosine / PI, dot(direction, geometric) > 0.0);
     let ray = Ray(offset_origin(origin.position, geometric), 0.0, direction, BEYOND_SCENE);
     return GatherRay(ray, pdf, gather_pass.earlier_rays + stratum, seed);
 }
@@ -311,7 +313,8 @@ fn record(
     record_origins[id].variance = variance;
     // The record is not valid beyond the distance at which its gradient brings the irradiance to 0. Without any light
     // there is no such distance.
-    let steepness = length(translation * vec3f(0.2126, 0.7152, 0.0722));
+    let of_axes = transpose(translation);
+    let steepness = length(vec3f(luminance(of_axes[0]), luminance(of_axes[1]), luminance(of_axes[2])));
     var spacing = 1.0 / inverse_distance;
     if gather_pass.earlier_rays + rays >= MIN_RAYS_OF_SLOPE && steepness > 0.0 {
         spacing = min(spacing, luminance(irradiance) / steepness);
