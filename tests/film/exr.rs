@@ -183,8 +183,8 @@ fn hostile_headers_are_errors() {
     dwa[at + 2 * 12 + 4] = 8;
     for (bytes, expected) in [
         (vec![], "file: is empty"),
-        (vec![0x76, 0x2f], "file: is not an OpenEXR file"),
-        (vec![b'x'; 5000], "file: is not an OpenEXR file"),
+        (vec![0x76, 0x2f], "file: this is not an OpenEXR file"),
+        (vec![b'x'; 5000], "file: this is not an OpenEXR file"),
         (header(1, [0, 0, 1, 1])[..60].to_vec(), "file: ends within its header"),
         // 384,000 x 384,000 f32: 590 GB.
         (header(1, [0, 0, 383_999, 383_999]), "dataWindow: claims 589824000000 bytes of pixels in a file of"),

@@ -272,7 +272,7 @@ fn string(text: &Text) -> String {
 fn check_header(bytes: &[u8]) -> Checked<()> {
     let mut rest = Bytes(bytes);
     if rest.take(4) != Some(&::exr::meta::magic_number::BYTES) {
-        return Err(in_file(if bytes.is_empty() { "is empty" } else { "is not an OpenEXR file" }));
+        return Err(in_file(if bytes.is_empty() { "is empty" } else { "this is not an OpenEXR file" }));
     }
     let flags = rest.int().ok_or_else(truncated)?;
     if flags & 0x800 != 0 {
