@@ -10,7 +10,7 @@ import package::lib::bvh::{hit_normal, traversal_overrun};
 @if(negative_photons) import package::lib::bvh::trace_closest;
 import package::lib::packet::{no_ray, trace_closest_together};
 import package::kit::group_index;
-import package::lib::irradiance::{IRRADIANCE_TEXELS, encode_disc};
+import package::lib::irradiance::{IRRADIANCE_TEXELS, NO_ESTIMATE, encode_disc};
 import package::lib::grid::{
     COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, expected_reach, load_photon,
     nearest, point_ball, row_photons, rows_about
@@ -76,9 +76,6 @@ const MAX_REACH_WHERE_SPARSE = 4.0;
 // The same at the points of a tile: within one cell a disc holds no more photons than the 27 cells around it, so that
 // no dense spot exceeds MAX_VISITS, which would make the sample invalid.
 @if(photon_map || caustics) const MAX_REACH_OF_POINTS = 1.0;
-
-// The radius that marks an irradiance point without an estimate. No path ends there.
-const NO_ESTIMATE = 1e30;
 
 // Probes of a disc. At edges the relative error of the measured area is about an eighth, and independent from one
 // irradiance point to the next.
@@ -347,90 +344,126 @@ const MAX_CLEAR = 0.8;
 // The part of the disc's area that is nearer to its centre than a probe.
 fn part_of_disc(probe: u32) -> f32 { return (f32(probe) + 0.5) / f32(PROBES); }
 
-// Where a probe is sent on the disc: a golden-angle spiral, with equal areas.
-fn probe_on_disc(probe: u32, radius: f32, rotation: f32) -> vec3f {
-    return vec3f(radius * sqrt(part_of_disc(probe)) * circle_point(rotation + f32(probe) * 0.61803399), 0.0);
+// A disc as its probes see it: columns of `frame` are two tangents and the normal; the spiral is turned by `rotation`.
+struct ProbedDisc {
+    position: vec3f,
+    normal: vec3f,
+    frame: mat3x3f,
+    radius: f32,
+    rotation: f32,
+}
+
+// Where a probe is sent on the disc, from its centre: a golden-angle spiral, with equal areas.
+fn probe_on_disc(disc: ProbedDisc, probe: u32) -> vec3f {
+    let direction = circle_point(disc.rotation + f32(probe) * 0.61803399);
+    return disc.frame * vec3f(disc.radius * sqrt(part_of_disc(probe)) * direction, 0.0);
 }
 
 // Measures how much of a disc is surface: the area within the search ellipsoid that is visible from the position, over
 // the area of the disc. At edges and in corners, photons lie on only a part of the disc, and dividing by the whole disc
-// makes the estimate too dark (boundary bias; Hey and Purgathofer 2002 also correct it by the geometry). Each probe
-// traces from the position to a point above its sample of the disc, and from there down to the surface. A disc without
+// makes the estimate too dark (boundary bias; Hey and Purgathofer 2002 also correct it by the geometry). A disc without
 // a radius has no probes.
 fn covered(position: vec3f, normal: vec3f, radius: f32, lane: u32) -> Covered {
-    let frame = basis(normal);
-    let origin = offset_origin(position, normal);
     let bits = bitcast<vec3u>(position);
     let rotation = uniform_from_bits(hash3(bits.z, bits.y, bits.x));
-    // Half the height of the ellipsoid.
-    let height = radius * inverseSqrt(1.0 + NORMAL_STRETCH);
-    var found = 0u;
-    var slant = 0.0;
-    var walls = Walls(NO_WALL, NO_WALL);
-    // A bit for each probe that a wall has stopped.
-    @if(!negative_photons) var stopped = 0u;
-    @if(negative_photons) var hidden = 0.0;
+    let disc = ProbedDisc(position, normal, basis(normal), radius, rotation);
+    let hits = trace_probes(disc, lane);
+    @if(!negative_photons) let walls = without_passed_walls(hits.walls, hits.stopped, disc);
+    if hits.found == 0u { return Covered(); }
+    // (n + 1) / (found + 1) is an unbiased estimate of 1 over the share; n / found is not.
+    let area = hits.slant / f32(hits.found) * (f32(hits.found + 1u) / f32(PROBES + 1u));
+    let clear = clear_distance(hits.found);
+    @if(negative_photons) { return Covered(area, clear, Walls(NO_WALL, NO_WALL), hits.hidden / f32(PROBES)); }
+    @else { return Covered(area, clear, walls); }
+}
+
+struct ProbeHits {
+    // Probes that hit the surface, and the sum over them of its area over that of its projection onto the disc.
+    found: u32,
+    slant: f32,
+    // Walls that stopped probes, and a bit for each of these probes.
+    @if(!negative_photons) walls: Walls,
+    @if(!negative_photons) stopped: u32,
+    // Sum over the probes of what `hidden_surfaces` finds.
+    @if(negative_photons) hidden: f32,
+}
+
+// Each probe traces from the position to a point above its sample of the disc, and from there down to the surface.
+fn trace_probes(disc: ProbedDisc, lane: u32) -> ProbeHits {
+    let origin = offset_origin(disc.position, disc.normal);
+    var hits: ProbeHits;
+    @if(!negative_photons) { hits.walls = Walls(NO_WALL, NO_WALL); }
     // Whether anything stopped the probe on its way up.
     var blocked = false;
     // Both rays of a probe in one place, as lavapipe compiles each place that traces: it took twice as long with two.
-    for (var part = 0u; part < 2u * PROBES; part++) {
-        let j = part >> 1u;
-        let is_down = (part & 1u) != 0u;
-        let above = position + frame * probe_on_disc(j, radius, rotation) + height * normal;
+    for (var i = 0u; i < 2u * PROBES; i++) {
+        let probe = i >> 1u;
+        let is_down = (i & 1u) != 0u;
         var ray = no_ray();
-        @if(negative_photons) let traces = radius > 0.0;
-        @if(!negative_photons) let traces = radius > 0.0 && !(is_down && blocked);
-        if traces {
-            // Half the height of the ellipsoid above this sample of the disc.
-            let reach = height * sqrt(1.0 - part_of_disc(j));
-            ray = Ray(above, height - reach, -normal, height + reach);
-            if !is_down { ray = Ray(origin, 0.0, above - origin, 1.0); }
-        }
-        let sample = RaySample(hash1(bits.x + j), 0u);
+        @if(negative_photons) let traces = disc.radius > 0.0;
+        @if(!negative_photons) let traces = disc.radius > 0.0 && !(is_down && blocked);
+        if traces { ray = probe_ray(disc, probe, is_down, origin); }
+        let sample = RaySample(hash1(bitcast<u32>(disc.position.x) + probe), 0u);
         let hit = trace_closest_together(ray, sample, lane);
         let met = hit.triangle != NO_HIT;
         if !is_down { blocked = met; }
         if !met { continue; }
         @if(negative_photons) {
             if !is_down { continue; }
-            hidden += hidden_surfaces(ray, hit, blocked, normal, sample);
+            hits.hidden += hidden_surfaces(ray, hit, blocked, disc.normal, sample);
             if blocked { continue; }
         }
         let facing = normalize(hit_normal(hit));
         if is_down {
-            let cosine = abs(dot(facing, normal));
+            let cosine = abs(dot(facing, disc.normal));
             if cosine * cosine >= COMPATIBLE_COSINE_SQUARED {
-                found++;
-                slant += 1.0 / cosine;
+                hits.found++;
+                hits.slant += 1.0 / cosine;
             }
         }
         @if(!negative_photons) {
             if !is_down {
                 let towards = select(facing, -facing, dot(facing, ray.direction) > 0.0);
-                let at = origin - position + hit.t * ray.direction;
-                walls = with_wall(walls, vec4f(towards, dot(towards, at) - BEHIND * radius));
-                stopped |= 1u << j;
+                let at = origin - disc.position + hit.t * ray.direction;
+                hits.walls = with_wall(hits.walls, vec4f(towards, dot(towards, at) - BEHIND * disc.radius));
+                hits.stopped |= 1u << probe;
             }
         }
     }
-    // A wall whose plane a probe has passed has an end, beyond which the position sees photons.
-    @if(!negative_photons)
-    for (var j = 0u; j < PROBES; j++) {
-        let across = frame * probe_on_disc(j, radius, rotation);
-        if ((stopped >> j) & 1u) == 0u {
+    return hits;
+}
+
+// The ray of a probe from the position (`origin`, off its surface) up to a point above its sample of the disc, as high
+// as the search ellipsoid; or the ray down from there, through the ellipsoid.
+fn probe_ray(disc: ProbedDisc, probe: u32, is_down: bool, origin: vec3f) -> Ray {
+    // Half the height of the ellipsoid at its centre, and at this sample.
+    let height = disc.radius * inverseSqrt(1.0 + NORMAL_STRETCH);
+    let reach = height * sqrt(1.0 - part_of_disc(probe));
+    let above = disc.position + probe_on_disc(disc, probe) + height * disc.normal;
+    if !is_down { return Ray(origin, 0.0, above - origin, 1.0); }
+    return Ray(above, height - reach, -disc.normal, height + reach);
+}
+
+// The walls less those whose planes a probe has passed: such a wall has an end, beyond which the position sees photons.
+@if(!negative_photons)
+fn without_passed_walls(all: Walls, stopped: u32, disc: ProbedDisc) -> Walls {
+    var walls = all;
+    for (var probe = 0u; probe < PROBES; probe++) {
+        let across = probe_on_disc(disc, probe);
+        if ((stopped >> probe) & 1u) == 0u {
             if is_behind(walls.first, across) { walls.first = NO_WALL; }
             if is_behind(walls.second, across) { walls.second = NO_WALL; }
         }
     }
-    if found == 0u { return Covered(); }
-    // A straight edge at a distance of x radii cuts off at most 0.5 (1 - x)^1.6 of the disc; several edges together cut
-    // off more. One extra probe counts as missing, for edges between the probes.
+    return walls;
+}
+
+// The distance of the nearest edge, in radii, by the number of probes that hit the surface. A straight edge at a
+// distance of x radii cuts off at most 0.5 (1 - x)^1.6 of the disc; several edges together cut off more. One extra
+// probe counts as missing, for edges between the probes.
+fn clear_distance(found: u32) -> f32 {
     let missing = f32(PROBES - found + 1u) / f32(PROBES);
-    let clear = select(max(1.0 - pow(2.0 * missing, 0.63), 0.0), MAX_CLEAR, found == PROBES);
-    // (n + 1) / (found + 1) is an unbiased estimate of 1 over the share; n / found is not.
-    let area = slant / f32(found) * (f32(found + 1u) / f32(PROBES + 1u));
-    @if(negative_photons) { return Covered(area, clear, walls, hidden / f32(PROBES)); }
-    @else { return Covered(area, clear, walls); }
+    return select(max(1.0 - pow(2.0 * missing, 0.63), 0.0), MAX_CLEAR, found == PROBES);
 }
 
 // The area of the hidden surfaces that a probe hits, over the area of the probe: the surfaces behind the visible one,

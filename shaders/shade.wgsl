@@ -110,18 +110,17 @@ fn contribution(shading: ShadingPoint, sampled: LightSample, light: u32, with_re
 
 // The terms of the estimator that an entry point adds.
 struct Terms {
-    // Terms that follow from classes: the closed form, and light points without shadow rays for the diffuse part of the
-    // BSDF.
-    decided: bool,
-    // The other terms: highlights, audits, light points with shadow rays.
-    others: bool,
+    // c U and a U of the diffuse part of the BSDF, by the closed form or by light points without shadow rays.
+    from_class: bool,
+    // The terms for which `shade_sampled` samples light points: highlights, audits, light points with shadow rays.
+    sampled: bool,
 }
 
 struct Estimate {
     radiance: vec3f,
     visibility: f32,
-    // Whether there are terms that do not follow from classes.
-    others: bool,
+    // Whether any of the sampled terms may differ from 0.
+    has_sampled: bool,
 }
 
 // The terms of the estimator that are known before any light point is sampled.
@@ -132,8 +131,8 @@ struct Given {
     traced: bool,
     // The light has a closed form at the point.
     closed: bool,
-    // The light points of the diffuse part are among the other terms: they have shadow rays, or are few, as all lights
-    // have a closed form nearly everywhere.
+    // The light points of the diffuse part are among the sampled terms: they have shadow rays, or are few, as all
+    // lights have a closed form nearly everywhere.
     deferred: bool,
 }
 
@@ -195,23 +194,23 @@ fn sum_light_points(
     let count = light_point_count(shading, light, known);
     // The visibility with which the closed form has already added the diffuse light.
     let added = select(0.0, known.visibility, known.closed);
-    let diffuse = select(terms.decided, terms.others, known.deferred);
+    let adds_diffuse = select(terms.from_class, terms.sampled, known.deferred);
     var sum = vec3f(0.0);
     // Light points that are visible, and those that could be: facing the surface, and above its horizon.
     var visible = 0u;
     var facing = 0u;
     for (var j = 0u; j < count; j++) {
         let sampled = nth_light_sample(light, shading.position, shading.seed, shading.sample_index, j, count);
-        let f = contribution(shading, sampled, light, terms.others);
+        let f = contribution(shading, sampled, light, terms.sampled);
         var v = known.visibility;
-        if terms.others && known.traced {
+        if terms.sampled && known.traced {
             let bit = visibility_bit(candidate, j);
             let faces = u32(sampled.pdf > 0.0 && dot(shading.surface.geometric_normal, sampled.direction) > 0.0);
             visible += bit * faces;
             facing += faces;
             v = f32(bit);
         }
-        sum += select(0.0, v - added, diffuse) * f.diffuse;
+        sum += select(0.0, v - added, adds_diffuse) * f.diffuse;
         @if(glossy) { sum += v * f.residual; }
     }
     // A device may divide a number by itself and not get 1.
@@ -226,16 +225,16 @@ fn direct_light(shading: ShadingPoint, light: u32, candidate: u32, word: u32, te
     let known = given(shading, light, word);
     var radiance = vec3f(0.0);
     @if(closed_forms) {
-        if terms.decided && known.closed && known.visibility > 0.0 {
+        if terms.from_class && known.closed && known.visibility > 0.0 {
             radiance = known.visibility * shading.diffuse
                 * light_unshadowed_irradiance(light, shading.position, shading.surface.shading_normal);
         }
     }
     let lit = known.visibility > 0.0;
-    var others = known.traced || (known.deferred && lit);
-    @if(glossy) { others = others || (lit && shading.max_density > 0.0); }
-    var by_points = terms.others && others;
-    @if(sampled_forms) { by_points = by_points || (terms.decided && lit && !known.deferred && !known.closed); }
+    var has_sampled = known.traced || (known.deferred && lit);
+    @if(glossy) { has_sampled = has_sampled || (lit && shading.max_density > 0.0); }
+    var by_points = terms.sampled && has_sampled;
+    @if(sampled_forms) { by_points = by_points || (terms.from_class && lit && !known.deferred && !known.closed); }
     var estimate = select(known.visibility, 0.0, known.traced);
     if by_points {
         let found = sum_light_points(shading, light, candidate, known, terms);
@@ -249,13 +248,13 @@ fn direct_light(shading: ShadingPoint, light: u32, candidate: u32, word: u32, te
         var error = 0.0;
         if audited { error = f32(visibility_bit(candidate, 0u)) - known.visibility; }
         // Nearly all audits agree with the class, and add nothing.
-        others = others || error != 0.0;
-        if terms.others && error != 0.0 {
+        has_sampled = has_sampled || error != 0.0;
+        if terms.sampled && error != 0.0 {
             radiance += (error / probability) * audited_contribution(shading, light);
             estimate += error / probability;
         }
     }
-    return Estimate(radiance, estimate, others);
+    return Estimate(radiance, estimate, has_sampled);
 }
 
 // The contribution of the light point that an audit traces.
@@ -268,7 +267,7 @@ fn audited_contribution(shading: ShadingPoint, light: u32) -> vec3f {
     return all;
 }
 
-// Adds terms of the chunk's lights to a point. Returns whether there are terms that do not follow from classes.
+// Adds terms of the chunk's lights to a point. Returns whether any of its sampled terms may differ from 0.
 fn shade_point(i: u32, terms: Terms) -> bool {
     let point_count = parameters.tile.point_count;
     let point = load_point(i);
@@ -292,13 +291,13 @@ fn shade_point(i: u32, terms: Terms) -> bool {
     shading.diffuse = bsdf_diffuse(shading.surface);
     @if(glossy) { shading.max_density = bsdf_max_density(shading.surface); }
     var sum = vec3f(0.0);
-    var others = false;
+    var has_sampled = false;
     for (var l = 0u; l < parameters.lights_in_chunk; l++) {
         let candidate = l * point_count + i;
         let light = candidate_light(candidate, parameters.first_light, point_count);
         let word = classes[candidate];
         let estimate = direct_light(shading, light, candidate, word, terms);
-        others = others || estimate.others;
+        has_sampled = has_sampled || estimate.has_sampled;
         @if(light_sampling) {
             sum += estimate.radiance * candidate_weight(candidate, parameters.first_light, point_count);
         }
@@ -315,7 +314,7 @@ fn shade_point(i: u32, terms: Terms) -> bool {
     // Once, however many chunks of lights and entry points add to it.
     if is_finite3(so_far.xyz) && !is_finite3(radiance) { atomicAdd(&counters[COUNTER_NOT_FINITE_SHADE], 1u); }
     radiance_direct[i] = vec4f(radiance, so_far.w);
-    return others;
+    return has_sampled;
 }
 
 @compute @workgroup_size(64)
@@ -327,13 +326,13 @@ fn shade(
     let i = group_index(group, groups) * 64u + lane;
     if i >= parameters.tile.point_count { return; }
     @if(!few_sampled) { _ = shade_point(i, Terms(true, true)); }
-    @if(few_sampled) let others = shade_point(i, Terms(true, false));
+    @if(few_sampled) let has_sampled = shade_point(i, Terms(true, false));
     // One by one: workgroups that took their places together, behind barriers, would cost a fifth of the pass on
     // software devices.
-    @if(few_sampled) { if others { sampled_points[atomicAdd(&queue_lengths[QUEUE_SAMPLED], 1u)] = i; } }
+    @if(few_sampled) { if has_sampled { sampled_points[atomicAdd(&queue_lengths[QUEUE_SAMPLED], 1u)] = i; } }
 }
 
-// The other terms at the points that `shade` queued. Few points have any, but software devices would execute them for
+// The sampled terms at the points that `shade` queued. Few points have any, but software devices would execute them for
 // all points. Or all terms at all points.
 @if(few_sampled)
 @compute @workgroup_size(64)

@@ -25,10 +25,14 @@ import package::lib::grid::{FAR, GridShape, cell_index, counted_distance, load_c
 const MAX_VISITS = 4096u;
 var<private> visits: u32;
 
+// The radius of a disc without an estimate. No footprint is as wide, so no path ends there.
+const NO_ESTIMATE = 1e30;
+
 struct Irradiance {
     // Irradiance on the side of the normal.
     value: vec3f,
-    // Radius of the disc whose photons gave the value; FAR where no irradiance point is near enough, or too many are.
+    // Radius of the disc whose photons gave the value; NO_ESTIMATE where no irradiance point is near enough, or too
+    // many are.
     radius: f32,
     // The irradiance point.
     @if(caustic_irradiance) point: u32,
@@ -61,7 +65,7 @@ fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
     var nearest_distance = FAR;
     var nearest_point = 0u;
     var known: Irradiance;
-    known.radius = FAR;
+    known.radius = NO_ESTIMATE;
     if low.x <= high.x {
         for (var row = 0; row < 4; row++) {
             let y = corner.y + (row & 1);
@@ -88,7 +92,7 @@ fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
     // The value is not valid beyond an edge or a wall: the surface there may be unlit, and then has no irradiance
     // points of its own.
     let clear = found.w * f32(bitcast<u32>(found.w) & 255u) / 255.0;
-    known.radius = select(FAR, found.w, nearest_distance <= clear * clear);
+    known.radius = select(NO_ESTIMATE, found.w, nearest_distance <= clear * clear);
     @if(caustic_irradiance) { known.point = nearest_point; }
     return known;
 }

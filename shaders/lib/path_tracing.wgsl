@@ -25,8 +25,7 @@ import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, le
 @if(global_map && glossy) import package::lib::bsdf::blurred_surface;
 import package::lib::bvh::{traversal_iterations, traversal_overrun};
 @if(global_map) import package::lib::irradiance::irradiance_near;
-@if(caustic_irradiance) import package::lib::irradiance::load_caustic_irradiance;
-@if(caustic_irradiance) import package::lib::grid::FAR;
+@if(caustic_irradiance) import package::lib::irradiance::{NO_ESTIMATE, load_caustic_irradiance};
 import package::lib::light::{BEYOND_SCENE, sample_light, is_beyond, light_sample, shadow_ray};
 import package::lib::light::table::load_light_texel;
 @if(environment) import package::lib::environment::environment_met;
@@ -368,7 +367,7 @@ fn known_light(surface: Surface, position: vec3f, normal: vec3f, spread: f32) ->
         @if(negative_photons) { light.radiance *= max(dot(surface.shading_normal, normal), 0.0); }
     }
     @if(caustic_irradiance) {
-        light.caustic = !light.all && !light.focusing && known.radius < FAR;
+        light.caustic = !light.all && !light.focusing && known.radius < NO_ESTIMATE;
         if light.caustic { light.radiance = bsdf_diffuse(surface) * load_caustic_irradiance(known.point); }
     }
     return light;
