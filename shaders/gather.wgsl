@@ -282,56 +282,84 @@ fn record(
     let frame = basis(normal);
     var sums: RecordSums;
     for (var k = 0u; k < gather_pass.sectors; k++) { add_sector(&sums, i * rays, k, frame, min_distance); }
-    // Means over all waves. Before the first wave the contents of the buffers are undefined, and are not used.
-    let values = id * RECORD_VALUE_TEXELS;
-    let share = f32(rays) / f32(gather_pass.earlier_rays + rays);
-    let weight = PI / f32(rays);
-    var irradiance = sums.radiance * weight;
-    var translation = sums.translation;
-    @if(smooth_normals || normal_maps) var rotation = sums.rotation * weight;
-    var inverse_distance = sums.inverse_distances / f32(rays);
-    // Half of the mean squared difference of neighbours is the variance of a ray within its stratum, or more: all have
-    // one in the next sector, and all but those of the first ring one in the ring below. The difference of
-    // a later wave from the earlier ones is a better estimate, because neighbouring strata differ by more than noise.
-    let pairs = f32(2u * rays - gather_pass.sectors);
-    var variance = 0.5 * sums.squares / pairs * weight * weight * f32(rays);
-    if gather_pass.earlier_rays > 0u {
-        inverse_distance = mix(origin.inverse_distance, inverse_distance, share);
-        variance = 0.0;
-        for (var c = 0u; c < 3u; c++) {
-            let earlier = record_values[values + c];
-            let change = irradiance[c] - earlier.w;
-            variance += share * (1.0 - share) * change * change;
-            irradiance[c] = mix(earlier.w, irradiance[c], share);
-            translation[c] = mix(earlier.xyz, translation[c], share);
-            @if(smooth_normals || normal_maps) {
-                rotation[c] = mix(record_values[values + 3u + c].xyz, rotation[c], share);
-            }
-        }
-    }
-    record_origins[id].inverse_distance = inverse_distance;
-    record_origins[id].variance = variance;
-    // The record is not valid beyond the distance at which its gradient brings the irradiance to 0. Without any light
-    // there is no such distance.
-    let of_axes = transpose(translation);
-    let steepness = length(vec3f(luminance(of_axes[0]), luminance(of_axes[1]), luminance(of_axes[2])));
-    var spacing = 1.0 / inverse_distance;
-    if gather_pass.earlier_rays + rays >= MIN_RAYS_OF_SLOPE && steepness > 0.0 {
-        spacing = min(spacing, luminance(irradiance) / steepness);
-    }
+    let means = means_of_waves(sums, id);
+    record_origins[id].inverse_distance = means.inverse_distance;
+    record_origins[id].variance = means.variance;
+    let spacing = spacing_of(means);
 
     // Sums may overflow, and gradients at distance 0 are infinite. A record of size 0 is not used.
-    var finite = is_finite3(irradiance) && is_finite3(vec3f(spacing, footprint, 0.0));
+    var finite = is_finite3(means.irradiance) && is_finite3(vec3f(spacing, footprint, 0.0));
     for (var c = 0u; c < 3u; c++) {
-        finite &= is_finite3(translation[c]);
-        @if(smooth_normals || normal_maps) { finite &= is_finite3(rotation[c]); }
+        finite &= is_finite3(means.translation[c]);
+        @if(smooth_normals || normal_maps) { finite &= is_finite3(means.rotation[c]); }
     }
     if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_GATHER], 1u); }
     let head = id * RECORD_HEAD_TEXELS;
     record_heads[head] = vec4f(origin.position, select(0.0, footprint, finite));
     record_heads[head + 1u] = vec4f(normal, select(NO_DISTANCE, spacing, finite));
+    let values = id * RECORD_VALUE_TEXELS;
     for (var c = 0u; c < 3u; c++) {
-        record_values[values + c] = vec4f(translation[c], irradiance[c]);
-        @if(smooth_normals || normal_maps) { record_values[values + 3u + c] = vec4f(rotation[c], 0.0); }
+        record_values[values + c] = vec4f(means.translation[c], means.irradiance[c]);
+        @if(smooth_normals || normal_maps) { record_values[values + 3u + c] = vec4f(means.rotation[c], 0.0); }
     }
+}
+
+// What a record has by the rays of all waves so far.
+struct RecordMeans {
+    irradiance: vec3f,
+    // Variance of the irradiance, the sum of the channels.
+    variance: f32,
+    // Mean of 1 over the distances of the rays.
+    inverse_distance: f32,
+    // The gradients, by channel.
+    translation: mat3x3f,
+    @if(smooth_normals || normal_maps) rotation: mat3x3f,
+}
+
+// The means over this wave, whose sums these are, and the earlier ones. Before the first wave the contents of the
+// buffers are undefined, and are not used.
+fn means_of_waves(sums: RecordSums, id: u32) -> RecordMeans {
+    let rays = gather_pass.rings * gather_pass.sectors;
+    let share = f32(rays) / f32(gather_pass.earlier_rays + rays);
+    let weight = PI / f32(rays);
+    var means: RecordMeans;
+    means.irradiance = sums.radiance * weight;
+    means.translation = sums.translation;
+    @if(smooth_normals || normal_maps) { means.rotation = sums.rotation * weight; }
+    means.inverse_distance = sums.inverse_distances / f32(rays);
+    // Half of the mean squared difference of neighbours is the variance of a ray within its stratum, or more: all have
+    // one in the next sector, and all but those of the first ring one in the ring below. The difference of
+    // a later wave from the earlier ones is a better estimate, because neighbouring strata differ by more than noise.
+    let pairs = f32(2u * rays - gather_pass.sectors);
+    means.variance = 0.5 * sums.squares / pairs * weight * weight * f32(rays);
+    if gather_pass.earlier_rays > 0u {
+        let values = id * RECORD_VALUE_TEXELS;
+        means.inverse_distance = mix(record_origins[id].inverse_distance, means.inverse_distance, share);
+        means.variance = 0.0;
+        for (var c = 0u; c < 3u; c++) {
+            let earlier = record_values[values + c];
+            let change = means.irradiance[c] - earlier.w;
+            means.variance += share * (1.0 - share) * change * change;
+            means.irradiance[c] = mix(earlier.w, means.irradiance[c], share);
+            means.translation[c] = mix(earlier.xyz, means.translation[c], share);
+            @if(smooth_normals || normal_maps) {
+                means.rotation[c] = mix(record_values[values + 3u + c].xyz, means.rotation[c], share);
+            }
+        }
+    }
+    return means;
+}
+
+// The distance up to which a record is valid: the harmonic mean distance, limited by the gradient.
+fn spacing_of(means: RecordMeans) -> f32 {
+    // The record is not valid beyond the distance at which its gradient brings the irradiance to 0. Without any light
+    // there is no such distance.
+    let of_axes = transpose(means.translation);
+    let steepness = length(vec3f(luminance(of_axes[0]), luminance(of_axes[1]), luminance(of_axes[2])));
+    var spacing = 1.0 / means.inverse_distance;
+    let rays = gather_pass.earlier_rays + gather_pass.rings * gather_pass.sectors;
+    if rays >= MIN_RAYS_OF_SLOPE && steepness > 0.0 {
+        spacing = min(spacing, luminance(means.irradiance) / steepness);
+    }
+    return spacing;
 }

@@ -118,28 +118,31 @@ fn path(
         atomicAdd(&group_bounce_rays, bounce_rays + (u32(heavy_path) << SECOND_COUNT));
     }
     workgroupBarrier();
-    if lane == 0u {
-        let shadows = atomicLoad(&group_shadow_rays);
-        let bounces = atomicLoad(&group_bounce_rays);
-        let rays = vec2u(shadows, bounces) & vec2u((1u << SECOND_COUNT) - 1u);
-        // With `indirect`, another pass traces the shadow rays of direct light; the shadow rays of this pass count as
-        // bounce rays.
-        @if(indirect) {
-            var counter = COUNTER_BOUNCE_RAYS;
-            @if(irradiance_cache) { if from_hits() { counter = COUNTER_GATHER_RAYS; } }
-            atomicAdd(&counters[counter], rays.x + rays.y);
-        }
-        @else {
-            atomicAdd(&counters[COUNTER_SHADOW_RAYS], rays.x);
-            atomicAdd(&counters[COUNTER_BOUNCE_RAYS], rays.y);
-        }
-        if shadows != rays.x {
-            var counter = COUNTER_NOT_FINITE_PATH;
-            @if(irradiance_cache) { if from_hits() { counter = COUNTER_NOT_FINITE_GATHER; } }
-            atomicAdd(&counters[counter], shadows >> SECOND_COUNT);
-        }
-        if bounces != rays.y { atomicAdd(&counters[COUNTER_HEAVY_PATHS], bounces >> SECOND_COUNT); }
+    if lane == 0u { add_counts_of_group(); }
+}
+
+// Adds the counts of the workgroup to the counters of the tile.
+fn add_counts_of_group() {
+    let shadows = atomicLoad(&group_shadow_rays);
+    let bounces = atomicLoad(&group_bounce_rays);
+    let rays = vec2u(shadows, bounces) & vec2u((1u << SECOND_COUNT) - 1u);
+    // With `indirect`, another pass traces the shadow rays of direct light; the shadow rays of this pass count as
+    // bounce rays.
+    @if(indirect) {
+        var counter = COUNTER_BOUNCE_RAYS;
+        @if(irradiance_cache) { if from_hits() { counter = COUNTER_GATHER_RAYS; } }
+        atomicAdd(&counters[counter], rays.x + rays.y);
     }
+    @else {
+        atomicAdd(&counters[COUNTER_SHADOW_RAYS], rays.x);
+        atomicAdd(&counters[COUNTER_BOUNCE_RAYS], rays.y);
+    }
+    if shadows != rays.x {
+        var counter = COUNTER_NOT_FINITE_PATH;
+        @if(irradiance_cache) { if from_hits() { counter = COUNTER_NOT_FINITE_GATHER; } }
+        atomicAdd(&counters[counter], shadows >> SECOND_COUNT);
+    }
+    if bounces != rays.y { atomicAdd(&counters[COUNTER_HEAVY_PATHS], bounces >> SECOND_COUNT); }
 }
 
 // A path before its first ray.
