@@ -33,6 +33,7 @@ import package::lib::photon::{Photon, flux_of, photon_normal};
 import package::lib::ray::{NO_HIT, Ray, RaySample, offset_origin};
 @if(negative_photons) import package::lib::ray::Hit;
 import package::lib::rng::{hash1, hash3, uniform_from_bits};
+@if(negative_photons) import package::lib::shading_normal::share_of_sky;
 @if(negative_photons) import package::lib::surface::{ray_behind, surface_at};
 
 struct IrradianceParameters {
@@ -126,7 +127,10 @@ fn show(
     if !is_active { return; }
     var radiance = vec3f(0.0);
     if shown {
-        radiance = bsdf_diffuse(visible_surface(surface, point)) * found.value;
+        let seen = visible_surface(surface, point);
+        radiance = bsdf_diffuse(seen) * found.value;
+        // With negative photons, irradiance is that of the triangle.
+        @if(negative_photons) { radiance *= share_of_sky(seen.shading_normal, query.normal); }
         @if(specular_chains) { radiance *= surface.chain.xyz; }
         radiance = checked(radiance, i);
     }

@@ -38,6 +38,7 @@ import package::lib::packet::{in_any_lane, no_ray, trace_closest_together, trace
 import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, offset_origin};
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::{mis_weight, sobol2};
+@if(negative_photons) import package::lib::shading_normal::share_of_sky;
 import package::lib::surface::{SurfaceHit, surface_at};
 @if(dispersion) import package::lib::wavelength::carry;
 
@@ -363,8 +364,8 @@ fn known_light(surface: Surface, position: vec3f, normal: vec3f, spread: f32) ->
     }
     if light.all {
         light.radiance = bsdf_seen_afar(surface) * known.value;
-        // With negative photons, irradiance is that of the triangle, and a bent shading normal receives part of it.
-        @if(negative_photons) { light.radiance *= max(dot(surface.shading_normal, normal), 0.0); }
+        // With negative photons, irradiance is that of the triangle.
+        @if(negative_photons) { light.radiance *= share_of_sky(surface.shading_normal, normal); }
     }
     @if(caustic_irradiance) {
         light.caustic = !light.all && !light.focusing && known.radius < NO_ESTIMATE;

@@ -23,3 +23,9 @@ fn bent_to(normal: vec3f, view: vec3f) -> vec3f {
     if behind >= BENT_COSINE { return normal; }
     return normalize(normal + (BENT_COSINE - behind) * view);
 }
+
+// The irradiance of a surface with a shading normal over that of its triangle, in light that is the same from all
+// directions above the triangle: a part of that sky is below the horizon of the shading normal.
+fn share_of_sky(shading_normal: vec3f, triangle_normal: vec3f) -> f32 {
+    return 0.5 + 0.5 * dot(shading_normal, triangle_normal);
+}

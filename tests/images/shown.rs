@@ -87,3 +87,26 @@ fn photons_are_found_below_smooth_surfaces() {
         assert!((found / expected - 1.0).abs() < 0.03, "{technique}: {found}, by shadow rays {expected}");
     }
 }
+
+/// With negative photons, irradiance is that of triangles. A shading normal that is bent by an angle gets a part of it:
+/// (1 + cos) / 2 of light that is the same from everywhere, as a part of the sky is below its horizon. The floor of a
+/// room that glows divides it in two; no photon is stored, so the tolerance of 0.1 % is for rounding alone.
+#[test]
+fn bent_normals_get_their_share_of_even_light() {
+    const ALBEDO: f32 = 0.6;
+    const RADIANCE: f32 = 2.0;
+    let glow = Material { double_sided: true, ..surface(0.0, RADIANCE) };
+    // Bent by 50 degrees, so that the floor is no part of a smooth surface.
+    let bent = DVec3::new(50f64.to_radians().sin(), 50f64.to_radians().cos(), 0.0);
+    let floor = square(DVec3::ZERO, DVec3::X, -DVec3::Z);
+    let mut scene = scene(&[(floor, surface(ALBEDO, 0.0)), (cube(DVec3::ZERO, 1.0), glow)], Vec::new());
+    for triangle in scene.triangles.iter().filter(|triangle| triangle.material == 0) {
+        for vertex in triangle.vertices {
+            Arc::make_mut(&mut scene.vertices)[vertex as usize].normal = bent.as_vec3();
+        }
+    }
+    let found = mean(scene, &camera(DVec3::Y * 0.9, DVec3::NEG_Y, 0.3), Technique::NEGATIVE_PHOTONS, 1 << 18);
+    let expected = f64::from(ALBEDO * RADIANCE) * (0.5 + 0.5 * bent.y);
+    println!("{found}, in closed form {expected}");
+    assert!((found / expected - 1.0).abs() < 1e-3, "{found}, in closed form {expected}");
+}
