@@ -8,16 +8,22 @@
 // in units of 1 / `inverse_unit` (lib/photon has its encoding).
 
 import package::lib::bsdf::{bsdf_sample, leaving_normal};
+@if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::{bsdf_evaluate, bsdf_pdf};
+@if((smooth_normals || normal_maps || coat_normals) && transmission) import package::lib::bsdf::bsdf_passes;
+@if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::diffuse::diffuse_density;
+@if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::surface::seen_from;
 @if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{in_any_lane, no_ray, trace_closest_together};
 import package::kit::group_index;
 import package::lib::light::{flux_window, light_emit};
 import package::lib::math::{is_finite3, oct_encode7};
+@if(smooth_normals || normal_maps || coat_normals) import package::lib::math::{basis, safe_sqrt};
 import package::lib::photon::{Photon, flux_word};
 import package::lib::ray::{NO_HIT, Ray, RaySample, UNBOUNDED, offset_origin};
 @if(negative_photons) import package::lib::ray::Hit;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
+@if(smooth_normals || normal_maps || coat_normals) import package::lib::sampling::sample_cosine;
 import package::lib::sampling::{sobol2, sobol4};
 import package::lib::surface::{SurfaceHit, surface_at};
 @if(dispersion) import package::lib::wavelength::{begin_wavelengths, carry};
@@ -124,36 +130,84 @@ struct FluxRay {
     flux: vec3f,
 }
 
-// Photons lie on triangles, but surfaces reflect by their shading normals. Two ratios of cosines correct the flux, so
-// that photons carry the same light as paths do (Veach 1997, section 5.3).
+// Photons lie on triangles, but surfaces reflect by their shading normals, which face the viewer. So that photons carry
+// the same light as paths do, a photon reflects by the BSDF that a path from its new direction finds, and its flux has
+// the cosines to the triangle (Veach 1997, section 5.3).
 
-// Maximum of each ratio. A surface bent by 20 degrees loses less than 0.2 % of a diffuse light by it.
-@if(smooth_normals || normal_maps) const MAX_RATIO = 100.0;
+// Maximum weight of a photon that arrives or is scattered. A surface bent by 20 degrees loses less than 0.2 % of a
+// diffuse light by it.
+@if(smooth_normals || normal_maps || coat_normals) const MAX_WEIGHT = 100.0;
 
-// Irradiance of the surface with its shading normal over that of the triangle, for light along the ray that found it.
-@if(smooth_normals || normal_maps)
-fn arriving_ratio(found: SurfaceHit) -> f32 {
-    let view = found.surface.view;
-    return min(dot(view, found.surface.shading_normal) / dot(view, found.triangle_normal), MAX_RATIO);
+// A direction above the triangle, with a density in proportion to its cosine.
+@if(smooth_normals || normal_maps || coat_normals)
+fn above_triangle(found: SurfaceHit, u: vec2f) -> vec3f {
+    return basis(found.triangle_normal) * sample_cosine(u);
 }
 
-// Flux that leaves the triangle in a direction, over that which leaves the surface with its shading normal.
+// Irradiance of the surface with its shading normal over that of the triangle, for light along the ray that found it
+// and a viewer in a random direction. Photons are looked up from all directions.
 @if(smooth_normals || normal_maps)
-fn leaving_ratio(found: SurfaceHit, direction: vec3f) -> f32 {
-    return min(abs(dot(direction, found.triangle_normal) / dot(direction, found.surface.shading_normal)), MAX_RATIO);
+fn arriving_ratio(found: SurfaceHit, u: vec2f) -> f32 {
+    let light = found.surface.view;
+    let seen = seen_from(found.surface, above_triangle(found, u));
+    return clamp(dot(light, seen.shading_normal) / dot(light, found.triangle_normal), 0.0, MAX_WEIGHT);
+}
+
+// A direction, and the flux that leaves in it over that which arrived and over the density of the direction.
+struct Scattered {
+    direction: vec3f,
+    // 0 where the path ends.
+    weight: vec3f,
+}
+
+fn scattered_by(found: SurfaceHit, u: vec3f) -> Scattered {
+    let s = found.surface;
+    @if(!(smooth_normals || normal_maps || coat_normals)) {
+        let sampled = bsdf_sample(s, u);
+        if sampled.pdf <= 0.0 { return Scattered(); }
+        @if(transmission) { return Scattered(sampled.direction, sampled.weight / sampled.concentration); }
+        @else { return Scattered(sampled.direction, sampled.weight); }
+    }
+    @else {
+        let light = dot(s.view, found.triangle_normal);
+        // Viewers behind the shading normal see it bent towards them. `bsdf_sample` has no directions there, so this
+        // part of the samples is from all directions above the triangle: the sine of half the angle by which the
+        // normal differs. The directions behind it have a share of its square, so that no weight is large.
+        let share = safe_sqrt(0.5 - 0.5 * dot(s.shading_normal, found.triangle_normal));
+        let is_wide = u.z < share;
+        var direction = above_triangle(found, u.xy);
+        var pdf = 0.0;
+        if is_wide {
+            pdf = bsdf_pdf(s, direction);
+        } else {
+            let sampled = bsdf_sample(s, vec3f(u.xy, (u.z - share) / (1.0 - share)));
+            if sampled.pdf <= 0.0 { return Scattered(); }
+            direction = sampled.direction;
+            pdf = sampled.pdf;
+            @if(transmission) {
+                if bsdf_passes(s, direction) {
+                    let view = abs(dot(direction, found.triangle_normal));
+                    let arriving = min(dot(s.view, s.shading_normal) / light, MAX_WEIGHT);
+                    let leaving = min(view / abs(dot(direction, s.shading_normal)), MAX_WEIGHT);
+                    let weight = sampled.weight / (sampled.concentration * (1.0 - share));
+                    return Scattered(direction, weight * (arriving * leaving));
+                }
+            }
+        }
+        let view = dot(direction, found.triangle_normal);
+        if view <= 0.0 { return Scattered(); }
+        let density = mix(pdf, diffuse_density(view), share);
+        let value = bsdf_evaluate(seen_from(s, direction), s.view);
+        return Scattered(direction, min(value * (view / (light * density)), vec3f(MAX_WEIGHT)));
+    }
 }
 
 // Scatters the ray by the BSDF; false where the BSDF or Russian roulette ends it. `u` samples the direction, `xi`
 // decides roulette.
 fn scatter(ray: ptr<function, FluxRay>, found: SurfaceHit, u: vec3f, xi: f32) -> bool {
-    let scattered = bsdf_sample(found.surface, u);
-    if scattered.pdf <= 0.0 { return false; }
+    let scattered = scattered_by(found, u);
     let flux = (*ray).flux;
-    var reflected = flux * scattered.weight;
-    @if(transmission) { reflected /= scattered.concentration; }
-    @if(smooth_normals || normal_maps) {
-        reflected *= arriving_ratio(found) * leaving_ratio(found, scattered.direction);
-    }
+    let reflected = flux * scattered.weight;
     // A surviving photon carries as much flux as the one that arrived, in the strongest channel.
     let survival = max(reflected.x, max(reflected.y, reflected.z)) / max(flux.x, max(flux.y, flux.z));
     if !(xi < survival) { return false; }
@@ -226,14 +280,14 @@ fn flux(
                     goes_on &= focused;
                 }
             }
+            // One Sobol sequence over all rays stratifies their bounces together, as it stratifies their emission.
+            let u = sobol2(ray, hash3(seed, bounce, 3u));
             if stores {
                 var flux = leaving.flux;
                 // With negative photons, direct light is that of the triangle.
-                @if((smooth_normals || normal_maps) && !negative_photons) { flux *= arriving_ratio(found); }
+                @if((smooth_normals || normal_maps) && !negative_photons) { flux *= arriving_ratio(found, u); }
                 store(found.triangle_position, found.triangle_normal, flux, xi.x, kind);
             }
-            // One Sobol sequence over all rays stratifies their bounces together, as it stratifies their emission.
-            let u = sobol2(ray, hash3(seed, bounce, 3u));
             let lobe = uniform_from_bits(hash2(bounce_seed, 4u));
             if goes_on { goes_on = scatter(&leaving, found, vec3f(u, lobe), xi.y); }
         }

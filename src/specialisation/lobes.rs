@@ -45,8 +45,8 @@ pub(crate) enum LobeRole {
     /// `NAME_chance`, `NAME_sample`, `NAME_density`, `NAME_max_density` and `NAME_mean`.
     WideLayer,
     /// A layer of other microfacets, above all wide layers and with a normal of its own: `NAME_through`, `NAME_value`,
-    /// `NAME_chance`, `NAME_has_normal`, `NAME_axes`, `NAME_pair`, `NAME_faces`, `NAME_max_density` and
-    /// `NAME_seen_afar`.
+    /// `NAME_chance`, `NAME_has_normal`, `NAME_axes`, `NAME_pair`, `NAME_faces`, `NAME_max_density`,
+    /// `NAME_seen_afar` and `NAME_seen_from`.
     GlossyLayer,
 }
 

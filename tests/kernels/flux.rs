@@ -278,7 +278,8 @@ fn photons_lie_as_light_does(gpu: &Gpu) {
 
 /// A panel with bent shading normals receives and reflects light as paths see it: a spot light shines on it, and it
 /// shines on a board above. With the cosines to its triangles in place of those to its shading normals, the light would
-/// be another (Veach 1997, section 5.3).
+/// be another (Veach 1997, section 5.3). A path sees a normal that faces away from it bent towards it, just to the
+/// horizon: a board behind the shading normal is lit too.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn shading_normals_reflect_as_in_paths(gpu: &Gpu) {
     const ALBEDO: f64 = 0.9;
@@ -296,9 +297,10 @@ fn shading_normals_reflect_as_in_paths(gpu: &Gpu) {
         cos_outer: 0.955,
         range: f32::INFINITY,
     };
-    // Bent by 59 and by 53 degrees, so that rays leave the triangle itself and not a smooth surface above it. The first
-    // faces away from the lamp, the second from the board.
-    for bent in [DVec3::new(0.7, 0.6, -0.39), DVec3::new(-0.7, 0.6, 0.39)].map(DVec3::normalize) {
+    // Bent by 53, 69 and 79 degrees, so that rays leave the triangle itself and not a smooth surface above it. The
+    // first turns away from the lamp, the second from the board, and the board is behind the third.
+    let normals = [DVec3::new(0.7, 0.6, -0.39), DVec3::new(-0.7, 0.3, 0.39), DVec3::new(-1.0, 0.2, 0.0)];
+    for bent in normals.map(DVec3::normalize) {
         let panel = (square(floor, DVec3::Z * HALF, DVec3::X * HALF), surface(ALBEDO as f32, 0.0));
         let above = (square(board, DVec3::X * BOARD_HALF, DVec3::Z * BOARD_HALF), surface(0.5, 0.0));
         let mut scene = scene(&[panel, above, room(0.0)], vec![light.clone()]);
@@ -320,18 +322,26 @@ fn shading_normals_reflect_as_in_paths(gpu: &Gpu) {
             let to = lamp - x;
             intensity * to.normalize().dot(normal).max(0.0) / to.length_squared() * area(HALF)
         };
-        // Power that reaches the panel; and by way of it the board, with the cosines of `received` and `sent`.
+        // The normal as a viewer sees it: at the horizon if it faces away.
+        let seen_from = |view: DVec3| (bent - bent.dot(view).min(0.0) * view).normalize();
+        // Power that reaches the panel; and by way of it the board, if viewers see the normal that `seen` has.
         let on_panel = |normal| grid(HALF).map(|x| irradiance(floor + x, normal)).sum::<f64>();
-        let on_board = |received: DVec3, sent: DVec3| {
+        let on_board = |seen: &dyn Fn(DVec3) -> DVec3| {
             let pieces = grid(HALF).flat_map(|x| grid(BOARD_HALF).map(move |y| (floor + x, board + y)));
             let carried = pieces.map(|(x, y)| {
                 let d = (y - x).normalize();
-                let faced = d.dot(bent) > 0.0;
-                let cosines = if faced { d.dot(sent).max(0.0) * d.y } else { 0.0 };
-                irradiance(x, received) * ALBEDO / PI * cosines / (y - x).length_squared() * area(BOARD_HALF)
+                let form = d.y * d.y / (y - x).length_squared() * area(BOARD_HALF);
+                irradiance(x, seen(d)) * ALBEDO / PI * form
             });
             carried.sum::<f64>()
         };
+        // Photons are stored for viewers in all directions: a spiral with equal areas of the projected hemisphere.
+        const VIEWS: usize = 400;
+        let views = (0..VIEWS).map(|k| {
+            let (r, angle) = (((k as f64 + 0.5) / VIEWS as f64).sqrt(), 2.39996 * k as f64);
+            DVec3::new(r * angle.cos(), (1.0 - r * r).sqrt(), r * angle.sin())
+        });
+        let stored = views.map(|view| on_panel(seen_from(view))).sum::<f64>() / VIEWS as f64;
         let check = |power: f64, photons: usize, error: f64, expected: f64, planted: f64| {
             assert!(photons > 500, "{photons} photons are no test");
             z_test(power, error, expected, 4).unwrap_or_else(|e| panic!("{bent}: {e}"));
@@ -345,11 +355,11 @@ fn shading_normals_reflect_as_in_paths(gpu: &Gpu) {
         // The variance of a sum of independent photons is at most the sum of their squares.
         let (count, spread) = squares(&arrived.photons, true);
         let power = arrived.power(|p| p.y < 0.0).x;
-        check(power, count, spread * arrived.step, on_panel(bent), on_panel(DVec3::Y));
+        check(power, count, spread * arrived.step, stored, on_panel(DVec3::Y));
         // The lamp does not shine on the board, so all of its photons come from the panel.
         let (count, spread) = squares(&reflected.photons, false);
         let power = reflected.power(|p| p.y > 0.0).x;
-        check(power, count, spread * reflected.step, on_board(bent, DVec3::Y), on_board(DVec3::Y, bent));
+        check(power, count, spread * reflected.step, on_board(&seen_from), on_board(&|_| DVec3::Y));
     }
 }
 

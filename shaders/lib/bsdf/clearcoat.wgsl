@@ -83,6 +83,14 @@ fn coat_normal_at(material: u32, factors: ClearcoatFactors, context: LobeContext
     return bent_to(normal, context.view);
 }
 
+// The coat with its normal bent to a viewer.
+@if(clearcoat)
+fn clearcoat_seen_from(lobe: Clearcoat, view: vec3f) -> Clearcoat {
+    var seen = lobe;
+    @if(coat_normals) { seen.normal = bent_to(lobe.normal, view); }
+    return seen;
+}
+
 @if(clearcoat)
 fn clearcoat_is_present(lobe: Clearcoat) -> bool {
     return lobe.factor != 0.0;

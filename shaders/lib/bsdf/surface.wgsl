@@ -4,6 +4,7 @@
 
 import package::lib::math::{oct_decode16, oct_encode16};
 import package::lib::ray::Hit;
+@if(smooth_normals || normal_maps || coat_normals) import package::lib::shading_normal::bent_to;
 @if(textures) import package::lib::attributes::uv_at;
 @if(textures) import package::lib::material::{material_flags, texture_info};
 @if(textures) import package::lib::texture::texture_at;
@@ -22,6 +23,7 @@ import package::lib::ray::Hit;
 };
 @each(lobe && textures) import package::lib::bsdf::NAME::{NAME_texture, NAME_textures};
 @each(base) import package::lib::bsdf::NAME::{NAME_base, NAME_blocked};
+@each(glossy_layer) import package::lib::bsdf::NAME::NAME_seen_from;
 
 // A surface as a viewer sees it. The normals are on the viewer's side.
 struct Surface {
@@ -147,6 +149,17 @@ fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> 
         @each(base && !textures) { s.albedo = NAME_base(material, NAME_untextured(), s.albedo); }
     }
     return s;
+}
+
+// The surface as a viewer in another direction on the same side sees it: with normals bent towards this viewer. Where
+// the surface was bent before, to a viewer behind its own normal, it stays so: light from there counts next to nothing.
+@if(smooth_normals || normal_maps || coat_normals)
+fn seen_from(s: Surface, view: vec3f) -> Surface {
+    var seen = s;
+    seen.view = view;
+    seen.shading_normal = bent_to(s.shading_normal, view);
+    @each(glossy_layer) { seen.NAME = NAME_seen_from(s.NAME, view); }
+    return seen;
 }
 
 // The surface without diffuse reflection and transmission, for unlit materials.
