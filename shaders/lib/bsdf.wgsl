@@ -22,7 +22,8 @@ import package::lib::sampling::sample_cosine;
     sample_visible_normal, visible_density,
 };
 @if(glossy) import package::lib::bsdf::specular::{
-    is_black_specular, is_metallic, mean_with_specular, specular_kept, specular_reflectance, specular_through,
+    change_under_layer, is_black_specular, is_metallic, mean_with_specular, specular_kept, specular_reflectance,
+    specular_through,
 };
 @if(transmission) import package::lib::bsdf::transmission::{
     fresnel_cosine, passed_direction, passing, passing_density, passing_value, transmission_is_present,
@@ -295,8 +296,8 @@ fn bsdf_seen_afar(s: Surface) -> vec3f {
             @each(wide_layer) { base = NAME_mean(s.NAME, base); }
             var reflected = 0.0;
             @each(glossy_layer) {
-                let layer = NAME_seen_afar(s.NAME);
-                base *= layer.y;
+                let layer = NAME_seen_afar(s.NAME, s.geometric_normal);
+                base = base * layer.y + change_under_layer(s.specular, s.albedo) * layer.z;
                 reflected = reflected * layer.y + layer.x;
             }
             return (base + reflected) / PI;

@@ -57,11 +57,24 @@ fn through_layer(reflectances: vec2f, alpha: f32, light_z: f32, view_z: f32) -> 
     return 1.0 - mix(reflectances.x, layer_grazing(reflectances, alpha), schlick(min(light_z, view_z)));
 }
 
-// The mean of 1 - `through_layer` over both directions. The cosine-weighted mean of Schlick's term at the lower of two
-// angles is 11/126.
+// By how much more a layer keeps at grazing than at normal incidence.
+@if(glossy)
+fn layer_rise(reflectances: vec2f, alpha: f32) -> f32 {
+    return layer_grazing(reflectances, alpha) - reflectances.x;
+}
+
+// The cosine-weighted mean of Schlick's term at the lower of two angles, and its variance.
+@if(glossy) const LOWER_SCHLICK = 11.0 / 126.0;
+@if(glossy) const LOWER_SCHLICK_VARIANCE = 8.0 / 273.0 - LOWER_SCHLICK * LOWER_SCHLICK;
+// By how much the mean of Schlick's term at one angle is less; and the mean of its square over that mean, by how much
+// it is more.
+@if(glossy) const ONE_ANGLE_LESS = LOWER_SCHLICK - 1.0 / 21.0;
+@if(glossy) const SQUARE_MORE = 21.0 / 66.0 - LOWER_SCHLICK;
+
+// The mean of 1 - `through_layer` over both directions.
 @if(glossy)
 fn mean_kept(reflectances: vec2f, alpha: f32) -> f32 {
-    return mix(reflectances.x, layer_grazing(reflectances, alpha), 11.0 / 126.0);
+    return reflectances.x + layer_rise(reflectances, alpha) * LOWER_SCHLICK;
 }
 
 // Cosine-weighted means over both directions for a lobe of width alpha: of the light that masking leaves, and of that

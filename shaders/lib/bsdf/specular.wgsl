@@ -1,7 +1,9 @@
 // The specular lobe: GGX microfacets of a metal or of the dielectric layer over the diffuse base (glTF 2.0, appendix B;
 // KHR_materials_specular, KHR_materials_ior). src/scene/material/lobes/specular.rs reads its parameters.
 
-@if(glossy) import package::lib::bsdf::microfacet::{lobe_means, mean_kept, schlick, through_layer};
+@if(glossy) import package::lib::bsdf::microfacet::{
+    LOWER_SCHLICK_VARIANCE, ONE_ANGLE_LESS, SQUARE_MORE, layer_rise, lobe_means, mean_kept, schlick, through_layer,
+};
 @if(glossy) import package::lib::constants::SPECULAR_TEXEL;
 @if(glossy && textures) import package::lib::constants::{SPECULAR_COLOUR_TEXTURE, SPECULAR_TEXTURE};
 @if(glossy) import package::lib::material::load_material_texel;
@@ -109,4 +111,14 @@ fn mean_with_specular(lobe: Specular, albedo: vec3f) -> vec3f {
     let means = lobe_means(lobe.alpha);
     let base = albedo * (1.0 - mean_kept(lobe.dielectric, lobe.alpha));
     return base + lobe.f0 * means.x + (vec3f(lobe.f90) - lobe.f0) * means.y;
+}
+
+// What a layer above changes beside multiplying that albedo by the mean share that it transmits, over its
+// `layer_rise`. The lobe keeps light from the base at the angles at which the layer does so too, and the base gets
+// more; the lobe reflects most at these angles, and the viewer gets less. Exact for smooth lobes.
+@if(glossy)
+fn change_under_layer(lobe: Specular, albedo: vec3f) -> vec3f {
+    let means = lobe_means(lobe.alpha);
+    let base = albedo * layer_rise(lobe.dielectric, lobe.alpha) * LOWER_SCHLICK_VARIANCE;
+    return base + lobe.f0 * means.x * ONE_ANGLE_LESS - (vec3f(lobe.f90) - lobe.f0) * means.y * SQUARE_MORE;
 }

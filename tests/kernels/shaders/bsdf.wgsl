@@ -2,6 +2,7 @@
 
 import package::kit::group_index;
 import package::lib::bsdf::surface::Surface;
+@if(coat_normals) import package::lib::bsdf::surface::seen_from;
 import package::lib::bsdf::{
     bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar,
 };
@@ -52,6 +53,8 @@ fn tested_surface() -> Surface {
         s.anisotropy.tangent = vec3f(1.0, 0.0, 0.0);
         s.anisotropy.alpha_along = surface[6].z;
     }
+    // Bends a coat's normal that faces away from the viewer, as at the hit of a ray.
+    @if(coat_normals) { s = seen_from(s, s.view); }
     return s;
 }
 
