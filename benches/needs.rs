@@ -17,8 +17,6 @@ use penumbra::internal::scene::ImportOptions;
 use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::{Image, Renderer, Result, Scene, Settings};
 
-#[path = "../tests/common/device.rs"]
-mod device;
 #[path = "../tests/common/unneeded.rs"]
 mod unneeded;
 
@@ -348,7 +346,8 @@ fn name(unneeded: &Unneeded) -> String {
 }
 
 fn main() -> Result<()> {
-    let gpu = device::gpu();
+    // It keeps no kernels: each render compiles its own, which is a part of what a feature costs.
+    let gpu = kernel_kit::test::device("PENUMBRA_DEVICE");
     let scene = scene();
     let mut costs = Vec::new();
     for unneeded in UNNEEDED {
