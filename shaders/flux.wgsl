@@ -169,15 +169,15 @@ fn scattered_by(found: SurfaceHit, u: vec3f) -> Scattered {
         @else { return Scattered(sampled.direction, sampled.weight); }
     }
     @else {
-        let light = dot(s.view, found.triangle_normal);
+        let light_cosine = dot(s.view, found.triangle_normal);
         // Viewers behind the shading normal see it bent towards them. `bsdf_sample` has no directions there, so this
         // part of the samples is from all directions above the triangle: the sine of half the angle by which the
         // normal differs. The directions behind it have a share of its square, so that no weight is large.
         let share = safe_sqrt(0.5 - 0.5 * dot(s.shading_normal, found.triangle_normal));
-        let is_wide = u.z < share;
-        var direction = above_triangle(found, u.xy);
-        var pdf = 0.0;
-        if is_wide {
+        var direction: vec3f;
+        var pdf: f32;
+        if u.z < share {
+            direction = above_triangle(found, u.xy);
             pdf = bsdf_pdf(s, direction);
         } else {
             let sampled = bsdf_sample(s, vec3f(u.xy, (u.z - share) / (1.0 - share)));
@@ -186,19 +186,19 @@ fn scattered_by(found: SurfaceHit, u: vec3f) -> Scattered {
             pdf = sampled.pdf;
             @if(transmission) {
                 if bsdf_passes(s, direction) {
-                    let view = abs(dot(direction, found.triangle_normal));
-                    let arriving = min(dot(s.view, s.shading_normal) / light, MAX_WEIGHT);
-                    let leaving = min(view / abs(dot(direction, s.shading_normal)), MAX_WEIGHT);
+                    let view_cosine = abs(dot(direction, found.triangle_normal));
+                    let arriving = min(dot(s.view, s.shading_normal) / light_cosine, MAX_WEIGHT);
+                    let leaving = min(view_cosine / abs(dot(direction, s.shading_normal)), MAX_WEIGHT);
                     let weight = sampled.weight / (sampled.concentration * (1.0 - share));
                     return Scattered(direction, weight * (arriving * leaving));
                 }
             }
         }
-        let view = dot(direction, found.triangle_normal);
-        if view <= 0.0 { return Scattered(); }
-        let density = mix(pdf, diffuse_density(view), share);
+        let view_cosine = dot(direction, found.triangle_normal);
+        if view_cosine <= 0.0 { return Scattered(); }
+        let density = mix(pdf, diffuse_density(view_cosine), share);
         let value = bsdf_evaluate(seen_from(s, direction), s.view);
-        return Scattered(direction, min(value * (view / (light * density)), vec3f(MAX_WEIGHT)));
+        return Scattered(direction, min(value * (view_cosine / (light_cosine * density)), vec3f(MAX_WEIGHT)));
     }
 }
 

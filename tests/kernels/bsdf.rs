@@ -826,13 +826,8 @@ fn paths_end_with_the_mean_reflectance(gpu: &Gpu) {
         // most. Those of tilted coats have an error of 0.005; a smooth lobe under one, which reflects most where such a
         // coat transmits least, is too bright by 0.012.
         let allowed = match lobes {
-            Lobes { coat_tilt, .. } if coat_tilt > 0.0 => {
-                if roughness < 0.5 {
-                    0.016
-                } else {
-                    0.008
-                }
-            }
+            Lobes { coat_tilt, .. } if coat_tilt > 0.0 && roughness < 0.5 => 0.016,
+            Lobes { coat_tilt, .. } if coat_tilt > 0.0 => 0.008,
             Lobes { sheen, .. } if sheen > 0.0 => 0.008,
             _ => 0.004,
         };
