@@ -20,11 +20,12 @@ use crate::input::printable;
 #[non_exhaustive]
 pub enum Error {
     /// An input file that cannot be used: missing, damaged, unsupported or out of its own limits.
-    #[error("{}: {location}: {problem}", file.display())]
+    #[error("{}: {}{problem}", file.display(), place(location))]
     Input {
         /// The file at fault, as the user named it.
         file: PathBuf,
-        /// Where in the file: a JSON pointer (`/accessors/3`), an EXR channel, or `file` for the whole.
+        /// Where in the file: a JSON pointer (`/accessors/3`), an EXR channel, or `file` for the whole file, which the
+        /// display form then leaves out.
         location: String,
         /// The problem, and the remedy where it is not obvious.
         problem: String,
@@ -174,3 +175,8 @@ impl From<kernel_kit::Error> for Error {
 
 /// The library's result.
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// How [`Error::Input`] names a location. Problems of the whole file say so themselves.
+fn place(location: &str) -> String {
+    if location == "file" { String::new() } else { format!("{location}: ") }
+}

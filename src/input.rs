@@ -16,13 +16,13 @@ pub(crate) const MAX_FILE_BYTES: u64 = 1 << 32;
 pub(crate) fn read_file(path: &Path) -> std::result::Result<Vec<u8>, String> {
     let metadata = fs::metadata(path).map_err(|e| e.to_string())?;
     if metadata.is_dir() {
-        return Err("is a folder".into());
+        return Err("it is a folder".into());
     }
     if !metadata.is_file() {
-        return Err("is not a regular file".into());
+        return Err("it is not a regular file".into());
     }
     if metadata.len() > MAX_FILE_BYTES {
-        return Err(format!("has {} bytes, the maximum is {MAX_FILE_BYTES}", metadata.len()));
+        return Err(format!("it has {} bytes, and the maximum is {MAX_FILE_BYTES}", metadata.len()));
     }
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     File::open(path).and_then(|file| file.take(MAX_FILE_BYTES).read_to_end(&mut bytes)).map_err(|e| e.to_string())?;

@@ -100,15 +100,15 @@ impl Checkpoint {
     /// [`Error::Input`] if the file is no checkpoint, is damaged, or is of another version.
     pub fn from_bytes(bytes: &[u8], path: impl AsRef<Path>) -> Result<Checkpoint> {
         let refuse = |problem: &str| Error::input(&path, "file", problem);
-        let damaged = || refuse("is damaged");
-        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| refuse("is not a checkpoint in this format"))?;
+        let damaged = || refuse("the file is damaged");
+        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| refuse("the file is not a checkpoint in this format"))?;
         let (stated, followers) = rest.split_first_chunk::<DIGEST>().ok_or_else(damaged)?;
         let (length, rest) = followers.split_first_chunk().ok_or_else(damaged)?;
         let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| damaged())?;
         let (header, words) = rest.split_at_checked(length).ok_or_else(damaged)?;
         let header: Header = serde_json::from_slice(header).map_err(|_| damaged())?;
         if header.version != env!("CARGO_PKG_VERSION") {
-            return Err(refuse(&format!("was written by version {} of Penumbra", header.version)));
+            return Err(refuse(&format!("the checkpoint was written by version {} of Penumbra", header.version)));
         }
         if digest(followers).as_bytes() != stated {
             return Err(damaged());

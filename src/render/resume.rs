@@ -83,11 +83,12 @@ impl Renderer<'_> {
     pub fn resume_from(&mut self, from: &Checkpoint) -> Result<()> {
         let Checkpoint { header, words, file } = from;
         let refuse = |problem: &str| Error::input(file.as_deref().unwrap_or("checkpoint".as_ref()), "file", problem);
-        let damaged = || refuse("is damaged");
+        let damaged = || refuse("the checkpoint is damaged");
         let unsigned = file.is_none() && header.fingerprint.is_empty();
         if !unsigned && header.fingerprint != self.fingerprint() {
             return Err(refuse(
-                "is of another scene or camera, or of other settings, such as `image.seed`, `image.spp` or the size",
+                "the checkpoint is of another scene or camera, or of other settings, such as `image.seed`, `image.spp` \
+                 or the size",
             ));
         }
         self.restore_trial(header.samples, header.has_visibility_map)?;

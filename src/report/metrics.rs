@@ -116,14 +116,14 @@ fn mean(image: &Image, reference: &Image, error: impl Fn(f64, f64) -> f64) -> Re
 fn check<'a>(image: &'a Image, reference: &'a Image) -> Result<[(&'a [f32], &'a [f32]); 3]> {
     let size = |image: &Image| format!("{} x {}", image.width, image.height);
     if (image.width, image.height) != (reference.width, reference.height) {
-        let problem = format!("is {} pixels, the reference {}", size(image), size(reference));
+        let problem = format!("its size is {} pixels, that of the reference {}", size(image), size(reference));
         return Err(Error::input("image", "file", problem));
     }
     if image.crop.zip(reference.crop).is_some_and(|(a, b)| a != b) {
-        return Err(Error::input("image", "file", "shows another part of the image than the reference"));
+        return Err(Error::input("image", "file", "it shows another part of the image than the reference"));
     }
     if image.pixels() == 0 {
-        return Err(Error::input("image", "file", "has no pixels"));
+        return Err(Error::input("image", "file", "it has no pixels"));
     }
     let [x, r] = [("image", image), ("reference", reference)].map(|(name, image)| {
         let channels = image.rgb().map_err(|channel| missing(name, channel))?;

@@ -282,7 +282,7 @@ impl Half {
             let fits = [saved.width, saved.height] == size && metrics::rmse(saved, saved).is_ok();
             let counts = [SAMPLES, SESSIONS].map(|name| integer(saved, name));
             if !fits || counts.iter().any(|count| !(1..MAX_COUNT).contains(count)) {
-                return Err(Error::input(&file, "file", "does not belong to this reference; delete the file"));
+                return Err(Error::input(&file, "file", "the file does not belong to this reference; delete it"));
             }
         }
         let sessions = saved.as_ref().map_or(0, |image| integer(image, SESSIONS)) as u32;

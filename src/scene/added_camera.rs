@@ -94,7 +94,8 @@ pub fn with_camera(source: &Path, folder: &Path, camera: &AddedCamera) -> Result
     }
     let text = std::str::from_utf8(text).map_err(|problem| invalid(problem.to_string()))?;
     let name = free_name(&document, &camera.name);
-    let edited = edit(text, &document, camera, &name).ok_or_else(|| invalid("is not a glTF document".to_owned()))?;
+    let edited =
+        edit(text, &document, camera, &name).ok_or_else(|| invalid("the file is not a glTF document".to_owned()))?;
     let is_binary = bytes.starts_with(b"glTF");
     Ok((if is_binary { binary(&bytes, edited) } else { edited.into_bytes() }, name))
 }

@@ -34,7 +34,7 @@ impl Deref for Bytes<'_> {
 /// The JSON text and the binary chunk of a .glb or .gltf. The first bytes distinguish the two formats.
 pub(super) fn chunks<'a>(bytes: &'a [u8], file: &Path) -> Result<(&'a [u8], Option<&'a [u8]>)> {
     if bytes.is_empty() {
-        return Err(Error::input(file, "file", "is empty"));
+        return Err(Error::input(file, "file", "the file is empty"));
     }
     if !bytes.starts_with(b"glTF") {
         let is_glb = file.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"));

@@ -92,7 +92,7 @@ fn baselines_are_made_and_compared() {
     let answer = check(&file, &on_device(""));
     assert_eq!(answer.code, Some(5), "{answer:?}");
     assert!(answer.stdout.contains("the baseline is of the device Other GPU, but the image is of"), "{answer:?}");
-    assert!(answer.stdout.contains("is 24 x 16 pixels, the reference"), "{answer:?}");
+    assert!(answer.stdout.contains("its size is 24 x 16 pixels, that of the reference"), "{answer:?}");
     assert!(answer.stderr.contains("no case uses the baseline") && answer.stderr.contains("old.exr"), "{answer:?}");
     let answer = check(&file, &on_device("--only usual --bless usual"));
     assert!(answer.stdout.contains("no new baseline: the baselines are of the device Other GPU"), "{answer:?}");

@@ -182,10 +182,10 @@ fn hostile_headers_are_errors() {
     let at = dwa.windows(12).position(|window| window == b"compression\0").unwrap();
     dwa[at + 2 * 12 + 4] = 8;
     for (bytes, expected) in [
-        (vec![], "file: is empty"),
-        (vec![0x76, 0x2f], "file: this is not an OpenEXR file"),
-        (vec![b'x'; 5000], "file: this is not an OpenEXR file"),
-        (header(1, [0, 0, 1, 1])[..60].to_vec(), "file: ends within its header"),
+        (vec![], "the file is empty"),
+        (vec![0x76, 0x2f], "this is not an OpenEXR file"),
+        (vec![b'x'; 5000], "this is not an OpenEXR file"),
+        (header(1, [0, 0, 1, 1])[..60].to_vec(), "the file ends within its header"),
         // 384,000 x 384,000 f32: 590 GB.
         (header(1, [0, 0, 383_999, 383_999]), "dataWindow: claims 589824000000 bytes of pixels in a file of"),
         (header(1, [0, 0, i32::MAX, i32::MAX]), "dataWindow: 2147483648 x 2147483648 pixels"),
@@ -195,12 +195,12 @@ fn hostile_headers_are_errors() {
         (header(2, [0, 0, 1, 1]), "Y: subsampled channel"),
         (header(0, [0, 0, 1, 1]), "Y: subsampled channel"),
         (dwa, "compression: DWAA and DWAB are not supported"),
-        (part(0x08), "file: holds deep data"),
-        (part(0x10), "file: holds several parts"),
+        (part(0x08), "the file holds deep data"),
+        (part(0x10), "the file holds several parts"),
         // Headers without pixels: small, about as large as plausible, and larger than 300 bytes can hold.
-        (header(1, [0, 0, 1, 1]), "file: damaged EXR"),
-        (header(1, [0, 0, 499, 499]), "file: damaged EXR"),
-        (header(1, [0, 0, 0, 249_999]), "file: damaged EXR"),
+        (header(1, [0, 0, 1, 1]), "damaged EXR"),
+        (header(1, [0, 0, 499, 499]), "damaged EXR"),
+        (header(1, [0, 0, 0, 249_999]), "damaged EXR"),
         (header(1, [0, 0, 999, 999]), "dataWindow: claims 4000000 bytes"),
     ] {
         let error = read(&bytes).unwrap_err();
@@ -222,7 +222,7 @@ fn hostile_headers_are_errors() {
     let mut bytes = header(1, [0, 0, 1, 1]);
     let at = bytes.windows(6).position(|window| window == b"chlist").unwrap() + 7;
     bytes[at..at + 4].copy_from_slice(&i32::MAX.to_le_bytes());
-    assert!(read(&bytes).unwrap_err().starts_with("file: ends within its header"));
+    assert!(read(&bytes).unwrap_err().starts_with("the file ends within its header"));
 }
 
 #[test]

@@ -99,11 +99,11 @@ fn errors_of_incomparable_images_name_the_cause() {
 
     for metric in [rmse, relmse, mae, p99, flip] {
         let error = |x: &Image, r: &Image| metric(x, r).unwrap_err().to_string();
-        assert_eq!(error(&good, &other), "image: file: is 3 x 2 pixels, the reference 2 x 3");
+        assert_eq!(error(&good, &other), "image: its size is 3 x 2 pixels, that of the reference 2 x 3");
         assert_eq!(error(&good, &grey), "reference: G: there is no such channel");
         assert_eq!(error(&grey, &good), "image: G: there is no such channel");
         assert_eq!(error(&broken, &good), "image: G: pixel (1, 1) is NaN");
         assert_eq!(error(&good, &broken), "reference: G: pixel (1, 1) is NaN");
-        assert_eq!(error(&empty, &empty), "image: file: has no pixels");
+        assert_eq!(error(&empty, &empty), "image: it has no pixels");
     }
 }

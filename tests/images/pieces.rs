@@ -238,10 +238,10 @@ fn pieces_that_do_not_fit_are_named() {
     let scene = piece("sphere.glb", 3, 8, "scene.exr", &|_| {});
     let seed = piece("box.glb", 3, 8, "seed.exr", &|s| s.image.seed = 1);
     for (other, expected) in [
-        (&scene, "scene.exr: file: is of another scene or camera, or of other settings, than"),
-        (&seed, "seed.exr: file: is of another scene or camera, or of other settings, than"),
-        (&doubled, "doubled.exr: file: has samples 2..4 of the pixels 0,0,24,12, some of which"),
-        (&first, "first.exr: file: has samples 0..3 of the pixels 0,0,24,12, some of which"),
+        (&scene, "scene.exr: the piece is of another scene or camera, or of other settings, than"),
+        (&seed, "seed.exr: the piece is of another scene or camera, or of other settings, than"),
+        (&doubled, "doubled.exr: the piece has samples 2..4 of the pixels 0,0,24,12, some of which"),
+        (&first, "first.exr: the piece has samples 0..3 of the pixels 0,0,24,12, some of which"),
     ] {
         let error = error(&[&first, other]);
         assert!(error.contains(expected), "{error}");
@@ -259,8 +259,8 @@ fn pieces_that_do_not_fit_are_named() {
     // Another device, and another version.
     let elsewhere = file("elsewhere.exr");
     for (name, value, expected) in [
-        ("device", "Other GPU (1.2)", "elsewhere.exr: file: is of another device, Other GPU (1.2), than"),
-        ("version", "9.9.9", "elsewhere.exr: file: was written by version 9.9.9"),
+        ("device", "Other GPU (1.2)", "elsewhere.exr: the piece is of another device, Other GPU (1.2), than"),
+        ("version", "9.9.9", "elsewhere.exr: the file was written by version 9.9.9"),
     ] {
         let mut image = Image::read_exr(&last).unwrap();
         let Some(Metadata::Text(text)) = image.metadata.get_mut("penumbra:piece") else { panic!("no description") };
@@ -283,9 +283,9 @@ fn pieces_that_do_not_fit_are_named() {
     image.channels.iter_mut().find(|c| c.name == "piece.0-2.direct.G").unwrap().samples[7] += 1e-3;
     image.write_exr(&damaged).unwrap();
     let error = Pieces::open(&[&damaged]).and_then(|pieces| pieces.merge()).unwrap_err().to_string();
-    assert!(error.contains("damaged.exr: file: is damaged"), "{error}");
+    assert!(error.contains("damaged.exr: the file is damaged"), "{error}");
     image.metadata.remove("penumbra:piece");
     image.write_exr(&damaged).unwrap();
     let error = Pieces::open(&[&damaged]).unwrap_err().to_string();
-    assert!(error.contains("damaged.exr: file: is not a piece"), "{error}");
+    assert!(error.contains("damaged.exr: the file is not a piece"), "{error}");
 }

@@ -272,14 +272,14 @@ fn string(text: &Text) -> String {
 fn check_header(bytes: &[u8]) -> Checked<()> {
     let mut rest = Bytes(bytes);
     if rest.take(4) != Some(&::exr::meta::magic_number::BYTES) {
-        return Err(in_file(if bytes.is_empty() { "is empty" } else { "this is not an OpenEXR file" }));
+        return Err(in_file(if bytes.is_empty() { "the file is empty" } else { "this is not an OpenEXR file" }));
     }
     let flags = rest.int().ok_or_else(truncated)?;
     if flags & 0x800 != 0 {
-        return Err(in_file("holds deep data, which is not supported"));
+        return Err(in_file("the file holds deep data, which is not supported"));
     }
     if flags & 0x1000 != 0 {
-        return Err(in_file("holds several parts, which is not supported"));
+        return Err(in_file("the file holds several parts, which is not supported"));
     }
 
     let (mut pixels, mut channels) = (0u64, 0u64);
@@ -312,7 +312,7 @@ fn in_file(problem: &str) -> (String, String) {
 }
 
 fn truncated() -> (String, String) {
-    in_file("ends within its header")
+    in_file("the file ends within its header")
 }
 
 fn in_attribute(name: &[u8], problem: impl Into<String>) -> (String, String) {

@@ -118,15 +118,15 @@ impl Description {
     fn of(metadata: Option<&Metadata>, path: &Path) -> Result<Description> {
         let refuse = |problem: &str| Error::input(path, "file", problem);
         let Some(Metadata::Text(text)) = metadata else {
-            return Err(refuse("is not a piece that `image.piece` makes"));
+            return Err(refuse("the file is not a piece that `image.piece` makes"));
         };
-        let known: serde_json::Value = serde_json::from_str(text).map_err(|_| refuse("is damaged"))?;
+        let known: serde_json::Value = serde_json::from_str(text).map_err(|_| refuse("the file is damaged"))?;
         if known["whole"]["format"] != FORMAT || known["whole"]["version"] != env!("CARGO_PKG_VERSION") {
             let version = known["whole"]["version"].as_str().unwrap_or("another");
-            return Err(refuse(&format!("was written by version {version} of Penumbra")));
+            return Err(refuse(&format!("the file was written by version {version} of Penumbra")));
         }
-        let description: Description = serde_json::from_value(known).map_err(|_| refuse("is damaged"))?;
-        if description.is_sound() { Ok(description) } else { Err(refuse("is damaged")) }
+        let description: Description = serde_json::from_value(known).map_err(|_| refuse("the file is damaged"))?;
+        if description.is_sound() { Ok(description) } else { Err(refuse("the file is damaged")) }
     }
 
     /// Reads the description of a file, without its pixels.
@@ -149,7 +149,7 @@ impl File {
     pub fn read(path: &Path) -> Result<File> {
         let mut image = Image::read_exr(path)?;
         let description = Description::of(image.metadata.get(DESCRIPTION), path)?;
-        let damaged = || Error::input(path, "file", "is damaged");
+        let damaged = || Error::input(path, "file", "the file is damaged");
         let Crop { width, height, .. } = description.crop();
         if [image.width, image.height] != [width, height] {
             return Err(damaged());

@@ -40,7 +40,9 @@ impl Pieces {
             return Err(Error::Usage("no pieces are given".into()));
         };
         for (path, Description { whole: other, .. }) in &files {
-            let of = |what: &str| Err(Error::input(path, "file", format!("is of {what} than {}", first.display())));
+            let of = |what: &str| {
+                Err(Error::input(path, "file", format!("the piece is of {what} than {}", first.display())))
+            };
             if other.device != whole.device {
                 let device = format!("another device, {},", other.device);
                 return of(&device);
@@ -58,8 +60,10 @@ impl Pieces {
             let others = files[..i].iter().find(|(_, other)| overlap(&extent, &extent_of(other)));
             if let Some((other, _)) = others {
                 let (range, crop) = extent;
-                let problem =
-                    format!("has samples {range} of the pixels {crop}, some of which {} has too", other.display());
+                let problem = format!(
+                    "the piece has samples {range} of the pixels {crop}, some of which {} has too",
+                    other.display()
+                );
                 return Err(Error::input(path, "file", problem));
             }
         }
@@ -150,7 +154,7 @@ impl Pieces {
         for (path, described) in &self.files {
             let File { description, nodes, metadata: of_file } = File::read(path)?;
             if description != *described {
-                return Err(Error::input(path, "file", "has changed since it was read first"));
+                return Err(Error::input(path, "file", "the file has changed since it was read first"));
             }
             not_finite += description.not_finite;
             metadata.get_or_insert(of_file);

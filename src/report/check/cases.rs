@@ -136,7 +136,7 @@ impl Cases {
     pub fn read(path: impl AsRef<Path>) -> Result<Cases> {
         let path = path.as_ref();
         let bytes = crate::input::read_file(path).map_err(|problem| Error::input(path, "file", problem))?;
-        let text = String::from_utf8(bytes).map_err(|_| Error::input(path, "file", "is not UTF-8"))?;
+        let text = String::from_utf8(bytes).map_err(|_| Error::input(path, "file", "the file is not UTF-8"))?;
         Cases::parse(&text, path)
     }
 
@@ -190,7 +190,7 @@ impl Cases {
             });
         }
         if cases.is_empty() {
-            return Err(Error::input(path, "file", "has no cases: each begins with [[case]]"));
+            return Err(Error::input(path, "file", "the file has no cases: each begins with [[case]]"));
         }
         Ok(Cases { device: file.device, baselines, cases })
     }
@@ -284,7 +284,7 @@ mod tests {
     #[test]
     fn mistakes_are_named() {
         for (text, expected) in [
-            ("", "CASES.toml: file: has no cases"),
+            ("", "CASES.toml: the file has no cases"),
             ("width = 3\n", "CASES.toml: line 1: unknown field `width`"),
             ("\n[[case]]\nscene = 1\n", "CASES.toml: line 3: invalid type: integer"),
             ("[[case]]\nname = \"a/b\"", "case a/b: a name must consist of letters"),

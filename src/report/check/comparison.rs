@@ -139,7 +139,7 @@ mod tests {
         let mut small = Image::new(4, 4);
         small.add_channel("R", vec![0.0; 16]);
         let error = Comparison::new(&small, &image(|_| 0.0), &Limits::default()).unwrap_err().to_string();
-        assert!(error.contains("is 4 x 4 pixels, the reference 8 x 8"), "{error}");
+        assert!(error.contains("its size is 4 x 4 pixels, that of the reference 8 x 8"), "{error}");
     }
 
     #[test]
