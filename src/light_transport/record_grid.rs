@@ -1,6 +1,7 @@
 //! Which irradiance records are near a position, and how near.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use glam::Vec3;
 
@@ -11,7 +12,10 @@ use crate::passes::gather::RecordHead;
 pub(super) struct RecordGrid {
     /// Side of a cell.
     side: f32,
-    cells: HashMap<[i32; 3], Vec<u32>>,
+    /// Where the records of each cell are in `records`.
+    cells: HashMap<[i32; 3], Range<usize>>,
+    /// Positions and indices of records, those of a cell one after the other.
+    records: Vec<(Vec3, usize)>,
 }
 
 impl RecordGrid {
@@ -24,44 +28,52 @@ impl RecordGrid {
     /// most reach into few cells.
     pub fn of_some(heads: &[RecordHead], step: usize, reach: impl Fn(usize) -> f32) -> RecordGrid {
         let sum: f64 = (0..heads.len()).map(|i| f64::from(reach(i))).sum();
-        let side = (2.0 * sum / heads.len().max(1) as f64) as f32;
-        let mut grid = RecordGrid { side: side.max(f32::MIN_POSITIVE), cells: HashMap::new() };
-        for (index, head) in (0..).zip(heads).step_by(step) {
-            grid.cells.entry(grid.cell(Vec3::from(head.position))).or_default().push(index);
+        let side = ((2.0 * sum / heads.len().max(1) as f64) as f32).max(f32::MIN_POSITIVE);
+        let records = heads.iter().enumerate().step_by(step);
+        let mut records: Vec<_> = records.map(|(index, head)| (Vec3::from(head.position), index)).collect();
+        records.sort_by_cached_key(|(position, _)| cell(*position, side));
+        let mut cells = HashMap::new();
+        let mut first = 0;
+        for of_cell in records.chunk_by(|(a, _), (b, _)| cell(*a, side) == cell(*b, side)) {
+            cells.insert(cell(of_cell[0].0, side), first..first + of_cell.len());
+            first += of_cell.len();
         }
-        grid
+        RecordGrid { side, cells, records }
     }
 
-    /// The cell of a position. Positions far away share the last cells.
-    fn cell(&self, position: Vec3) -> [i32; 3] {
-        position.to_array().map(|x| (x / self.side).floor() as i32)
-    }
-
-    /// Calls `found` with the indices of all records within `reach`, and with others.
+    /// Calls `found` with the indices of all records within `reach`, and of some a little farther away.
     pub fn each_near(&self, here: Vec3, reach: f32, mut found: impl FnMut(usize)) {
         // Differences of positions are rounded.
         let reach = reach + 1e-6 * (reach + here.abs().max_element());
-        let (low, high) = (self.cell(here - reach), self.cell(here + reach));
+        let mut search = |records: &[(Vec3, usize)]| {
+            let near = records.iter().filter(|(position, _)| position.distance_squared(here) <= reach * reach);
+            near.for_each(|(_, index)| found(*index));
+        };
+        let (low, high) = (cell(here - reach, self.side), cell(here + reach, self.side));
         let cells: f64 = (0..3).map(|axis| f64::from(high[axis]) - f64::from(low[axis]) + 1.0).product();
         if cells > self.cells.len() as f64 {
-            return self.cells.values().flatten().for_each(|index| found(*index as usize));
+            return search(&self.records);
         }
         for x in low[0]..=high[0] {
             for y in low[1]..=high[1] {
                 for z in low[2]..=high[2] {
-                    let there = self.cells.get(&[x, y, z]).into_iter().flatten();
-                    there.for_each(|index| found(*index as usize));
+                    self.cells.get(&[x, y, z]).into_iter().for_each(|range| search(&self.records[range.clone()]));
                 }
             }
         }
     }
 }
 
+/// The cell of a position. Positions far away share the last cells.
+fn cell(position: Vec3, side: f32) -> [i32; 3] {
+    position.to_array().map(|x| (x / side).floor() as i32)
+}
+
 /// The weight of a record at the place of another one; see `interpolate_records` in `shaders/lib/record.wgsl`.
 pub(super) fn weight(of: &RecordHead, at: &RecordHead) -> f32 {
     let (normal, other) = (Vec3::from(of.normal), Vec3::from(at.normal));
     let offset = Vec3::from(at.position) - Vec3::from(of.position);
-    // Grids offer many records that are too far away: of these nothing else is needed.
+    // Of records that are too far away nothing else is needed.
     if offset.length_squared() >= of.size * of.size {
         return 0.0;
     }
