@@ -111,7 +111,7 @@ fn store_shadows(first: LightHit, is_active: bool, xi: f32, seed: u32, lane: u32
     return rays;
 }
 
-// The light that emits this ray: the last one whose first ray is not after it.
+// The light that emits a ray: the last light whose first ray does not come after it.
 fn light_of_ray(ray: u32) -> u32 {
     var light = 0u;
     var end = flux_pass.light_count;
@@ -128,6 +128,34 @@ struct FluxRay {
     normal: vec3f,
     direction: vec3f,
     flux: vec3f,
+    // Only focusing surfaces have scattered the ray since it left the light.
+    @if(caustics) focused: bool,
+}
+
+// Ray number `number` of a light, with its share of the light's power.
+fn emitted_ray(light: u32, number: u32, seed: u32) -> FluxRay {
+    let emitted = light_emit(light, sobol4(number, seed));
+    let ray_count = flux_rays[light + 1u] - flux_rays[light];
+    var ray: FluxRay;
+    ray.position = emitted.origin;
+    ray.normal = emitted.normal;
+    ray.direction = emitted.direction;
+    ray.flux = emitted.flux * (flux_pass.inverse_unit / f32(ray_count));
+    @if(caustics) { ray.focused = true; }
+    return ray;
+}
+
+// The flux of a ray of `light` where it arrives, at `distance` from its origin. `bounce` counts the surfaces that have
+// scattered it.
+fn arriving_flux(leaving: FluxRay, light: u32, found: SurfaceHit, distance: f32, bounce: u32) -> vec3f {
+    var flux = leaving.flux;
+    if bounce == 0u { flux *= flux_window(light, distance); }
+    @if(transmission) {
+        // Lamps count as outside of volumes, so light that comes straight from a lamp is not absorbed. The exception is
+        // a lamp that is itself a volume: then the surface at the other end of the ray emits too.
+        if bounce > 0u || any(found.emission > vec3f(0.0)) { flux *= found.transmittance; }
+    }
+    return flux;
 }
 
 // Photons lie on triangles, but surfaces reflect by their shading normals, which face the viewer. So that photons carry
@@ -202,7 +230,7 @@ fn scattered_by(found: SurfaceHit, u: vec3f) -> Scattered {
     }
 }
 
-// Scatters the ray by the BSDF; false where the BSDF or Russian roulette ends it. `u` samples the direction, `xi`
+// Scatters the ray by the BSDF. Returns false if the BSDF or Russian roulette ends it. `u` samples the direction, `xi`
 // decides roulette.
 fn scatter(ray: ptr<function, FluxRay>, found: SurfaceHit, u: vec3f, xi: f32) -> bool {
     let scattered = scattered_by(found, u);
@@ -211,9 +239,47 @@ fn scatter(ray: ptr<function, FluxRay>, found: SurfaceHit, u: vec3f, xi: f32) ->
     // A surviving photon carries as much flux as the one that arrived, in the strongest channel.
     let survival = max(reflected.x, max(reflected.y, reflected.z)) / max(flux.x, max(flux.y, flux.z));
     if !(xi < survival) { return false; }
-    let normal = leaving_normal(found.surface, scattered.direction);
-    *ray = FluxRay(found.position, normal, scattered.direction, reflected / min(survival, 1.0));
+    (*ray).position = found.position;
+    (*ray).normal = leaving_normal(found.surface, scattered.direction);
+    (*ray).direction = scattered.direction;
+    (*ray).flux = reflected / min(survival, 1.0);
     return true;
+}
+
+// Stores the photon of a ray that arrived at a surface. `u` samples the viewer that looks it up.
+fn store_arriving(ray: FluxRay, found: SurfaceHit, u: vec2f, xi: f32, kind: u32) {
+    var flux = ray.flux;
+    // With negative photons, direct light is that of the triangle.
+    @if((smooth_normals || normal_maps) && !negative_photons) { flux *= arriving_ratio(found, u); }
+    store(found.triangle_position, found.triangle_normal, flux, xi, kind);
+}
+
+// Stores a photon where a ray arrived at a surface, and scatters the ray there. Returns whether the ray goes on.
+// `xi` has a random number to round the flux and one for Russian roulette.
+fn store_and_scatter(
+    ray: ptr<function, FluxRay>,
+    found: SurfaceHit,
+    bounce: u32,
+    u: vec2f,
+    xi: vec2f,
+    bounce_seed: u32,
+) -> bool {
+    var stores = any(found.surface.albedo > vec3f(0.0));
+    @if(negative_photons) { stores &= bounce > 0u; }
+    var goes_on = bounce < flux_pass.max_bounces;
+    var kind = 0u;
+    @if(caustics) {
+        @if(caustic_irradiance) { if (*ray).focused && bounce > 0u { kind = PHOTON_CAUSTIC; } }
+        (*ray).focused &= focuses(found.surface);
+        if flux_pass.caustics_only == 1u {
+            stores &= bounce > 0u;
+            goes_on &= (*ray).focused;
+        }
+    }
+    if stores { store_arriving(*ray, found, u, xi.x, kind); }
+    let lobe = uniform_from_bits(hash2(bounce_seed, 4u));
+    if goes_on { goes_on = scatter(ray, found, vec3f(u, lobe), xi.y); }
+    return goes_on;
 }
 
 @compute @workgroup_size(64)
@@ -227,16 +293,12 @@ fn flux(
     let is_active = i < flux_pass.ray_count;
     let ray = flux_pass.first_ray + min(i, flux_pass.ray_count - 1u);
     let light = light_of_ray(ray);
-    let first = flux_rays[light];
+    let number = ray - flux_rays[light];
     let seed = hash3(flux_pass.seed, DIMENSION_FLUX, light);
-    let emitted = light_emit(light, sobol4(ray - first, seed));
-    let share = emitted.flux * (flux_pass.inverse_unit / f32(flux_rays[light + 1u] - first));
-    var leaving = FluxRay(emitted.origin, emitted.normal, emitted.direction, share);
+    var leaving = emitted_ray(light, number, seed);
     var goes_on = is_active;
     var rays = 0u;
-    // Only focusing surfaces have scattered the ray.
-    @if(caustics) var focused = true;
-    @if(dispersion) { begin_wavelengths(seed, ray - first, vec3f(1.0)); }
+    @if(dispersion) { begin_wavelengths(seed, number, vec3f(1.0)); }
     for (var bounce = 0u; ; bounce++) {
         var here = no_ray();
         if goes_on {
@@ -251,12 +313,7 @@ fn flux(
         if goes_on {
             @if(dispersion) { carry(leaving.flux); }
             found = surface_at(hit, here);
-            if bounce == 0u { leaving.flux *= flux_window(light, hit.t); }
-            @if(transmission) {
-                // Lamps count as outside of volumes, and light on the straight way from them is not absorbed, except
-                // within a lamp that is a volume itself: both ends of that way emit.
-                if bounce > 0u || any(found.emission > vec3f(0.0)) { leaving.flux *= found.transmittance; }
-            }
+            leaving.flux = arriving_flux(leaving, light, found, hit.t, bounce);
         }
         @if(negative_photons) {
             // Direct light counts as unshadowed at the first hit and at all hits behind it; shadow photons subtract the
@@ -268,28 +325,9 @@ fn flux(
         }
         goes_on &= !found.unlit;
         if goes_on {
-            var stores = any(found.surface.albedo > vec3f(0.0));
-            @if(negative_photons) { stores &= bounce > 0u; }
-            goes_on = bounce < flux_pass.max_bounces;
-            var kind = 0u;
-            @if(caustics) {
-                @if(caustic_irradiance) { if focused && bounce > 0u { kind = PHOTON_CAUSTIC; } }
-                focused &= focuses(found.surface);
-                if flux_pass.caustics_only == 1u {
-                    stores &= bounce > 0u;
-                    goes_on &= focused;
-                }
-            }
             // One Sobol sequence over all rays stratifies their bounces together, as it stratifies their emission.
             let u = sobol2(ray, hash3(seed, bounce, 3u));
-            if stores {
-                var flux = leaving.flux;
-                // With negative photons, direct light is that of the triangle.
-                @if((smooth_normals || normal_maps) && !negative_photons) { flux *= arriving_ratio(found, u); }
-                store(found.triangle_position, found.triangle_normal, flux, xi.x, kind);
-            }
-            let lobe = uniform_from_bits(hash2(bounce_seed, 4u));
-            if goes_on { goes_on = scatter(&leaving, found, vec3f(u, lobe), xi.y); }
+            goes_on = store_and_scatter(&leaving, found, bounce, u, xi, bounce_seed);
         }
         if !in_any_lane(goes_on, lane) { break; }
     }

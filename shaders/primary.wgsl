@@ -66,21 +66,7 @@ fn primary(
     var view = view_along(camera, seed, sample_index, has_point, lane);
     let found = view.found;
     if !has_point { return; }
-    @if(guides) {
-        var guide_albedo = vec3f(0.0);
-        var guide_normal = vec3f(0.0);
-        var guide_position = vec4f(0.0);
-        if view.met {
-            guide_albedo = found.base_colour;
-            @if(specular_chains) { guide_albedo *= view.throughput; }
-            guide_normal = found.surface.shading_normal;
-            guide_position = vec4f(found.triangle_position, 1.0);
-        }
-        let room = arrayLength(&guide_samples) / 3u;
-        guide_samples[i] = vec4f(guide_albedo, chance.x);
-        guide_samples[room + i] = vec4f(guide_normal, chance.y);
-        guide_samples[2u * room + i] = guide_position;
-    }
+    @if(guides) { store_guides(i, &view); }
 
     var point = Point(vec3f(0.0), INVALID_POINT);
     if view.met {
@@ -107,6 +93,24 @@ fn primary(
     @if(aov_position) { position_samples[i] = view.position; }
 }
 
+// Writes the guides of sample i.
+@if(guides)
+fn store_guides(i: u32, view: ptr<function, View>) {
+    var albedo = vec3f(0.0);
+    var normal = vec3f(0.0);
+    var position = vec4f(0.0);
+    if (*view).met {
+        albedo = (*view).found.base_colour;
+        @if(specular_chains) { albedo *= (*view).throughput; }
+        normal = (*view).found.surface.shading_normal;
+        position = vec4f((*view).found.triangle_position, 1.0);
+    }
+    let room = arrayLength(&guide_samples) / 3u;
+    guide_samples[i] = vec4f(albedo, chance.x);
+    guide_samples[room + i] = vec4f(normal, chance.y);
+    guide_samples[2u * room + i] = position;
+}
+
 // Random choices of the camera ray: x is 1 if the surface that the ray shows was chosen at random; y is 1 if it is a
 // reflection in glass or a blended surface, and not the surface behind.
 @if(guides) var<private> chance: vec2f;
@@ -126,8 +130,8 @@ fn chance_of_blending(hit: Hit) -> vec2f {
 struct View {
     // The ray met a surface.
     met: bool,
-    // That surface; where the ray went on through clear glass and over mirrors, the surface that is neither, or, where
-    // there is none, the last one.
+    // That surface. If the ray continued through clear glass and over mirrors: the first surface that is neither, or
+    // the last one if there is none.
     found: SurfaceHit,
     // Emission on the way, as `radiance_direct` has it.
     direct: vec4f,
@@ -159,8 +163,34 @@ fn view_along(camera: CameraRay, seed: u32, sample_index: u32, has_point: bool, 
     return view;
 }
 
+// The ray that continues a specular chain; the BSDF may end the chain instead.
+@if(specular_chains)
+struct Link {
+    goes_on: bool,
+    ray: Ray,
+}
+
+// Samples the ray that leaves the view's surface, which is a mirror or clear glass, and adds it to the chain.
+@if(specular_chains)
+fn next_link(view: ptr<function, View>, sample_index: u32, link_seed: u32) -> Link {
+    let found = (*view).found;
+    let lobe = sobol1(sample_index, hash2(link_seed, 1u));
+    let scattered = bsdf_sample(found.surface, vec3f(sobol2(sample_index, link_seed), lobe));
+    if !(scattered.pdf > 0.0) { return Link(false, no_ray()); }
+    (*view).throughput *= scattered.weight;
+    @if(guides && transmission) {
+        if transmission_is_present(found.surface.transmission) {
+            chance.x = 1.0;
+            if !bsdf_passes(found.surface, scattered.direction) { chance.y = 1.0; }
+        }
+    }
+    let normal = leaving_normal(found.surface, scattered.direction);
+    return Link(true, Ray(offset_origin(found.position, normal), 0.0, scattered.direction, BEYOND_SCENE));
+}
+
 // Follows the camera's ray, through clear glass and over mirrors, to a surface that is neither. The camera's ray and
-// those after it are traced in one place, as lavapipe compiles each: it took half as long again with two.
+// those after it are traced in one place, because lavapipe compiles every place on its own: with two, compilation took
+// half as long again.
 @if(specular_chains)
 fn view_along(camera: CameraRay, seed: u32, sample_index: u32, has_point: bool, lane: u32) -> View {
     var view: View;
@@ -203,22 +233,10 @@ fn view_along(camera: CameraRay, seed: u32, sample_index: u32, has_point: bool, 
         sample = RaySample(~link_seed, sample_index);
         ray = no_ray();
         if goes_on {
-            let lobe = sobol1(sample_index, hash2(link_seed, 1u));
-            let scattered = bsdf_sample(view.found.surface, vec3f(sobol2(sample_index, link_seed), lobe));
-            goes_on = scattered.pdf > 0.0;
-            if goes_on {
-                view.throughput *= scattered.weight;
-                links++;
-                @if(guides && transmission) {
-                    if transmission_is_present(view.found.surface.transmission) {
-                        chance.x = 1.0;
-                        if !bsdf_passes(view.found.surface, scattered.direction) { chance.y = 1.0; }
-                    }
-                }
-                let normal = leaving_normal(view.found.surface, scattered.direction);
-                let origin = offset_origin(view.found.position, normal);
-                ray = Ray(origin, 0.0, scattered.direction, BEYOND_SCENE);
-            }
+            let next = next_link(&view, sample_index, link_seed);
+            goes_on = next.goes_on;
+            ray = next.ray;
+            links += u32(goes_on);
         }
         if !in_any_lane(goes_on, lane) { break; }
     }

@@ -124,19 +124,19 @@ struct Estimate {
 }
 
 // The terms of the estimator that are known before any light point is sampled.
-struct Given {
+struct KnownTerms {
     // The visibility without shadow rays: by class, or the photons' own, rounded.
     visibility: f32,
     // Shadow rays find the visibility.
     traced: bool,
     // The light has a closed form at the point.
     closed: bool,
-    // The light points of the diffuse part are among the sampled terms: they have shadow rays, or are few, as all
-    // lights have a closed form nearly everywhere.
+    // The light points of the diffuse part are among the sampled terms: because they have shadow rays, or because
+    // all lights have a closed form nearly everywhere, so that few points need them.
     deferred: bool,
 }
 
-fn given(shading: ShadingPoint, light: u32, word: u32) -> Given {
+fn known_terms(shading: ShadingPoint, light: u32, word: u32) -> KnownTerms {
     let class_ = class_of(word);
     var visibility = class_visibility(word);
     if is_decided(class_) { visibility = f32(class_ == CLASS_LIT); }
@@ -159,7 +159,7 @@ fn given(shading: ShadingPoint, light: u32, word: u32) -> Given {
     }
     var deferred = traced;
     @if(!sampled_forms) { deferred = deferred || !closed; }
-    return Given(visibility, traced, closed, deferred);
+    return KnownTerms(visibility, traced, closed, deferred);
 }
 
 fn visibility_bit(candidate: u32, j: u32) -> u32 {
@@ -174,7 +174,7 @@ struct LightPoints {
 
 // Shadow rays lead to all light points. Without them, one is enough for highlights of small lights. (For the diffuse
 // part of light without a closed form it is not: in the marble sphere's scene, relMSE was 3.7 times as large.)
-fn light_point_count(shading: ShadingPoint, light: u32, known: Given) -> u32 {
+fn light_point_count(shading: ShadingPoint, light: u32, known: KnownTerms) -> u32 {
     let all = max_light_points(light, parameters.light_samples);
     @if(closed_forms && glossy) {
         let one = known.closed && !known.traced
@@ -188,7 +188,7 @@ fn sum_light_points(
     shading: ShadingPoint,
     light: u32,
     candidate: u32,
-    known: Given,
+    known: KnownTerms,
     terms: Terms,
 ) -> LightPoints {
     let count = light_point_count(shading, light, known);
@@ -222,7 +222,7 @@ fn sum_light_points(
 // Direct light of one light at one point.
 fn direct_light(shading: ShadingPoint, light: u32, candidate: u32, word: u32, terms: Terms) -> Estimate {
     if class_of(word) == CLASS_DARK { return Estimate(vec3f(0.0), 0.0, false); }
-    let known = given(shading, light, word);
+    let known = known_terms(shading, light, word);
     var radiance = vec3f(0.0);
     @if(closed_forms) {
         if terms.from_class && known.closed && known.visibility > 0.0 {

@@ -24,8 +24,8 @@ const VISITS_PER_NEAREST = 24u;
 // vector is random.
 const MAX_VISITS = 7168u;
 
-// Marks a decided cell with photons of the other kind in reach, though beyond the nearest k: a boundary is near. One
-// step of the packed visibility.
+// Marks a decided cell that has photons of the other kind within reach, but not among the nearest k: a boundary is
+// near. One step of the packed visibility.
 const NEAR_STEP = 1.0 / VISIBILITY_STEPS;
 
 // Margin of a cone of normals for roundings, of its cosines and of |n - normal|. A cosine of two unit vectors is off by
@@ -65,8 +65,8 @@ struct Extent {
 fn packed_cluster(grid: GridShape, cluster: Cluster) -> CellClass {
     let cell = grid.cell;
     let normal = oct_decode7(cluster.normal_code);
-    // A margin of 0.03 radians for the points between. The octahedral code's own error is at most 0.034, but less than
-    // 0.027 for 99 normals of 100.
+    // A margin of 0.03 radians for the points between the photons. The error of the octahedral code itself is at most
+    // 0.034, and less than 0.027 for 99 of 100 normals.
     let sine = safe_sqrt(1.0 - cluster.cos_spread * cluster.cos_spread);
     let cos_spread = cluster.cos_spread * 0.99955 - sine * 0.03;
     let offset = 0.5 * (cluster.low + cluster.high);
@@ -225,6 +225,35 @@ fn both_are_near(counts: Counts, marks: Marks) -> bool {
     return rivals <= nearest;
 }
 
+// The first reach of a search, in cells, estimated from the photons in the cluster's cell. Distances are to the
+// farthest point of the cell's surface, which is half a diagonal, 0.7 cells, from the middle of the surface.
+fn first_reach(grid: GridShape, cluster: Cluster) -> f32 {
+    let reach = expected_reach(grid, cluster.light, cluster.cell, FIRST_REACH) + 0.7;
+    return clamp(reach, 1.0, MAX_REACH);
+}
+
+// The next reach if `sure`, fewer than k, photons are within `reach` of all points: by the density so far, with a
+// margin. Few photons say little about the density, so the reach grows by a quarter at least and doubles at most.
+fn wider_reach(reach: f32, sure: u32) -> f32 {
+    let growth = sqrt(f32(nearest) / f32(max(sure, 1u))) * 1.1;
+    return min(reach * clamp(growth, 1.25, 2.0), MAX_REACH);
+}
+
+// The same marks with their eighths, for a search that counts the photons within each.
+fn with_eighths(marks: Marks) -> Marks {
+    let a = marks.limit * vec4f(0.125, 0.25, 0.375, 0.5);
+    let b = marks.limit * vec4f(0.625, 0.75, 0.875, 1.0);
+    return Marks(marks.limit, true, a, b);
+}
+
+// The class of all points if each has its nearest k within `bound`; dark where the counts do not tell.
+fn class_within(counts: Counts, marks: Marks, bound: f32) -> u32 {
+    if counts.nearest_maybe_shadow > bound { return CLASS_LIT; }
+    if counts.nearest_maybe_lit > bound { return CLASS_SHADOWED; }
+    if marks.counting && both_are_near(counts, marks) { return CLASS_BOUNDARY; }
+    return CLASS_DARK;
+}
+
 // The packed class of a cluster of points; `visits` is the budget of photons and rows of cells.
 fn classify_cluster(grid: GridShape, cluster: Cluster, visits: u32) -> vec2u {
     visits_left = visits;
@@ -235,11 +264,9 @@ fn classify_cluster(grid: GridShape, cluster: Cluster, visits: u32) -> vec2u {
     let low = (extent.centre + extent.low - grid.origin) * grid.inverse_cell - 1e-3;
     let high = (extent.centre + extent.high - grid.origin) * grid.inverse_cell + 1e-3;
 
-    // An estimate of the reach from the photons here; it grows until it holds enough of them. Distances are to the
-    // farthest point of the cell's surface, which is half a diagonal, 0.7 cells, from the middle of the surface.
-    var reach = expected_reach(grid, cluster.light, cluster.cell, FIRST_REACH) + 0.7;
-    reach = clamp(reach, 1.0, MAX_REACH);
-    // Eighths of the squared reach, about equal shares of a surface; counted only where both kinds are in reach.
+    // The reach grows until it holds k photons. If both kinds are among them, a second search counts them by eighths
+    // of the squared reach, which are about equal shares of a surface.
+    var reach = first_reach(grid, cluster);
     var marks = Marks(0.0, false, vec4f(0.0), vec4f(0.0));
     loop {
         marks.limit = reach * reach * cell * cell;
@@ -253,27 +280,21 @@ fn classify_cluster(grid: GridShape, cluster: Cluster, visits: u32) -> vec2u {
                 result.reach = MAX_REACH * cell;
                 break;
             }
-            // By the density so far, with a margin. Few photons tell little of it, so neither far less nor far more.
-            reach = min(reach * clamp(sqrt(f32(nearest) / f32(max(counts.sure, 1u))) * 1.1, 1.25, 2.0), MAX_REACH);
+            reach = wider_reach(reach, counts.sure);
             continue;
         }
-        result.visibility = f32(counts.sure_lit) / f32(counts.sure);
         let bound = bound_of(counts, marks);
-        result.reach = 1.0001 * sqrt(bound);
-        if counts.nearest_maybe_shadow > bound {
-            result.class_ = CLASS_LIT;
-            result.visibility = select(1.0, 1.0 - NEAR_STEP, marks.counting);
-        } else if counts.nearest_maybe_lit > bound {
-            result.class_ = CLASS_SHADOWED;
-            result.visibility = select(0.0, NEAR_STEP, marks.counting);
-        } else if !marks.counting {
-            marks.counting = true;
-            marks.a = marks.limit * vec4f(0.125, 0.25, 0.375, 0.5);
-            marks.b = marks.limit * vec4f(0.625, 0.75, 0.875, 1.0);
+        result.class_ = class_within(counts, marks, bound);
+        if result.class_ == CLASS_DARK && !marks.counting {
+            marks = with_eighths(marks);
             continue;
-        } else if both_are_near(counts, marks) {
-            result.class_ = CLASS_BOUNDARY;
         }
+        result.reach = 1.0001 * sqrt(bound);
+        result.visibility = f32(counts.sure_lit) / f32(counts.sure);
+        // Both kinds were in reach if photons were counted by eighths: a boundary is near.
+        let near = marks.counting;
+        if result.class_ == CLASS_LIT { result.visibility = select(1.0, 1.0 - NEAR_STEP, near); }
+        if result.class_ == CLASS_SHADOWED { result.visibility = select(0.0, NEAR_STEP, near); }
         break;
     }
     return encode_cell_class(result, cluster.normal_code, grid.inverse_cell);

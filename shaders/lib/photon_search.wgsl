@@ -14,9 +14,9 @@ import package::lib::grid::{
 };
 import package::lib::photon::{photon_has_weight, photon_is_shadow, photon_weight_sixteenths};
 
-// Visit budget of a query: photons and rows of cells, as a multiple of k between bounds. A point that needs more is
-// unknown. If this many photons do not belong to its surface (foliage), the search costs more than the shadow rays that
-// it could save.
+// Visit budget of a query: the number of photons and rows of cells that it may visit, as a multiple of k within bounds.
+// A point that needs more is unknown. Where so many photons nearby belong to other surfaces (foliage), the search costs
+// more than the shadow rays that it could save.
 const VISITS_PER_NEAREST = 128u;
 const MIN_VISITS = 6400u;
 // On lavapipe the eight lanes of a vector share 65,535 iterations: while one visits a long row, all others wait. This
@@ -99,7 +99,7 @@ fn class_by_search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, 
         if !found.complete { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.5); }
         if found.all >= nearest { break; }
         if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit, found.all - found.lit, 0.5); }
-        // By the density so far, with a margin. Few photons tell little of it, so neither far less nor far more.
+        // By the density so far, with a margin. Few photons say little about the density, so the factor is bounded.
         let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all, 1u)));
         closer = found;
         closer_reach = reach;
@@ -125,12 +125,18 @@ struct Tally {
     complete: bool,
 }
 
-fn all_within(found: Tally, mark: u32) -> u32 {
-    return select(found.all_b[mark & 3u], found.all_a[mark & 3u], mark < 4u);
+// The photons within a mark.
+fn within_mark(counts: Tally, mark: u32) -> Found {
+    let i = mark & 3u;
+    let all = select(counts.all_b[i], counts.all_a[i], mark < 4u);
+    let lit = select(counts.lit_b[i], counts.lit_a[i], mark < 4u);
+    return Found(all, lit, true);
 }
 
-fn lit_within(found: Tally, mark: u32) -> u32 {
-    return select(found.lit_b[mark & 3u], found.lit_a[mark & 3u], mark < 4u);
+// The first mark with k photons or more within it.
+fn mark_of_nearest(counts: Tally) -> u32 {
+    let fewer = vec4u(counts.all_a < vec4u(nearest)) + vec4u(counts.all_b < vec4u(nearest));
+    return fewer.x + fewer.y + fewer.z + fewer.w;
 }
 
 // The marks of a tally: squared distances.
@@ -173,57 +179,63 @@ fn tally(grid: GridShape, light: u32, position: vec3f, normal: vec3f, reach: f32
     return result;
 }
 
-// The class word of a point with exact n_i and n_s. `closer` has the photons within the marks' floor; k or more are
-// within their last mark.
+// The visibility by equation 1, for `n_i` illumination photons among the nearest k, where shadow photons may represent
+// several hits each. `below` has the photons within the floor of the marks, `within` those within the last mark; the
+// k-th photon is between the two, and of the shadow photons there only those that belong to the k count.
+fn weighted_visibility(n_i: u32, below: Found, within: Found, counts: Tally) -> f32 {
+    let shadow_below = below.all - below.lit;
+    let shadow_between = (within.all - within.lit) - shadow_below;
+    let taken = f32((nearest - n_i) - shadow_below) / f32(max(shadow_between, 1u));
+    let excess = f32(counts.excess_below) + taken * f32(counts.excess - counts.excess_below);
+    return f32(n_i) / (f32(nearest) + excess / 16.0);
+}
+
+// After this many narrowings, photons that remain between the same two marks count as tied. Each narrowing leaves an
+// eighth of the interval, so 12 leave 2^-36 of it: less than a step of f32.
+const MAX_NARROWINGS = 12u;
+
+// The class word of a point with exact n_i and n_s. `closer` has the photons within the floor of the marks `first`; k
+// or more are within their last mark.
 fn class_by_counts(grid: GridShape, light: u32, position: vec3f, normal: vec3f, first: Marks, closer: Found) -> u32 {
     let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
+    let lit = class_word(CLASS_LIT, nearest, 0u, 1.0);
+    let shadowed = class_word(CLASS_SHADOWED, 0u, nearest, 0.0);
     let reach = sqrt(first.floor_ + first.span);
     var marks = first;
-    var found = tally(grid, light, position, normal, reach, marks);
-    if !found.complete { return unknown; }
+    var counts = tally(grid, light, position, normal, reach, marks);
+    if !counts.complete { return unknown; }
 
-    // The k-th is between two marks; narrow them until it is alone between them.
-    var all_below = closer.all;
-    var lit_below = closer.lit;
-    for (var pass_ = 0u; ; pass_++) {
-        let below = vec4u(found.all_a < vec4u(nearest)) + vec4u(found.all_b < vec4u(nearest));
-        let mark = below.x + below.y + below.z + below.w;
-        let within = all_within(found, mark);
-        let lit = lit_within(found, mark);
-        if lit == within { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
-        if lit == 0u { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
-        if mark > 0u {
-            all_below = all_within(found, mark - 1u);
-            lit_below = lit_within(found, mark - 1u);
-        }
-        let narrower = marks.span * 0.125;
-        let next_floor = marks.floor_ + narrower * f32(mark);
-        // Distances that no float lies between are ties: illumination photons first, whatever their order.
-        let tied = pass_ > 12u || next_floor + narrower * 0.125 <= next_floor;
-        if within == nearest || tied {
-            var n_i = lit;
-            if within > nearest { n_i = lit_below + min(lit - lit_below, nearest - all_below); }
-            let n_s = nearest - n_i;
-            if n_s == 0u { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
-            if n_i == 0u { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+    // The k-th photon is between two marks; narrow them until it is alone between them.
+    var below = closer;
+    for (var narrowing = 0u; ; narrowing++) {
+        let mark = mark_of_nearest(counts);
+        let within = within_mark(counts, mark);
+        if within.lit == within.all { return lit; }
+        if within.lit == 0u { return shadowed; }
+        if mark > 0u { below = within_mark(counts, mark - 1u); }
+        let span = marks.span * 0.125;
+        let floor_ = marks.floor_ + span * f32(mark);
+        // Photons are tied if no float lies between their distances. Illumination photons then count first, so that
+        // the result does not depend on the order of the photons.
+        let tied = narrowing > MAX_NARROWINGS || floor_ + span * 0.125 <= floor_;
+        if within.all == nearest || tied {
+            var n_i = within.lit;
+            if within.all > nearest { n_i = below.lit + min(within.lit - below.lit, nearest - below.all); }
+            if n_i == nearest { return lit; }
+            if n_i == 0u { return shadowed; }
             var visibility = f32(n_i) / f32(nearest);
-            // Shadow photons may represent several hits each.
-            if found.excess > 0u {
-                let end = next_floor + narrower;
-                let last = Marks(next_floor, end - next_floor);
+            if counts.excess > 0u {
+                let end = floor_ + span;
+                let last = Marks(floor_, end - floor_);
                 let weighted = tally(grid, light, position, normal, sqrt(end) * 1.0001, last);
                 if !weighted.complete { return unknown; }
-                let shadow_below = all_below - lit_below;
-                let shadow_between = (within - lit) - shadow_below;
-                let taken = f32(n_s - shadow_below) / f32(max(shadow_between, 1u));
-                let excess = f32(weighted.excess_below) + taken * f32(weighted.excess - weighted.excess_below);
-                visibility = f32(n_i) / (f32(nearest) + excess / 16.0);
+                visibility = weighted_visibility(n_i, below, within, weighted);
             }
-            return class_word(CLASS_BOUNDARY, n_i, n_s, visibility);
+            return class_word(CLASS_BOUNDARY, n_i, nearest - n_i, visibility);
         }
-        marks = Marks(next_floor, narrower);
-        found = tally(grid, light, position, normal, min(sqrt(next_floor + narrower) * 1.0001, reach), marks);
-        if !found.complete { return unknown; }
+        marks = Marks(floor_, span);
+        counts = tally(grid, light, position, normal, min(sqrt(floor_ + span) * 1.0001, reach), marks);
+        if !counts.complete { return unknown; }
     }
     return unknown;
 }
