@@ -1,12 +1,15 @@
-// denoise: filters an image by what is known of its noise (after Sakai et al. 2024, Rousselle et al. 2012 and 2013,
-// Bitterli et al. 2016). Light over albedo is filtered, direct and indirect light apart. A pixel averages others of the
-// same surface whose confidence intervals overlap its own, first by means of 3 x 3 pixels, then by the result, fitting
-// a plane to them. Before, fireflies are drawn towards their neighbours. Last, a pixel returns to its own samples as
-// far as the filter's error is more than their variance.
+// denoise: removes noise by the estimated variance of each pixel (after Sakai et al. 2024, Rousselle et al. 2012 and
+// 2013, Bitterli et al. 2016). Direct and indirect light are divided by the albedo and filtered separately:
+// 1. Fireflies are drawn towards their neighbours.
+// 2. A pixel averages the pixels of the same surface whose confidence intervals overlap its own: those of the means of
+//    3 x 3 pixels.
+// 3. It does so again with the intervals of that result, and fits a plane to the pixels.
+// 4. The result is mixed with the pixel's own samples: the larger the filter's error compared with their variance, the
+//    more of them.
 // In: `pixels`, DENOISE_VECTORS vectors for each pixel: mean and variance of the mean of direct light, then of indirect
-// light, albedo, normal (0 where no surface is), position. Light is in any unit in which it is about 1.
-// Out: `light_out`, two vectors for each pixel, direct and indirect light, from pass to pass; at last one vector: the
-// colour, and in w 1, or 0 where the pixel must keep its own.
+// light, albedo, normal (0 where no surface is), position. The unit of light is one in which light is about 1.
+// Out: `light_out`. Between the steps it has two vectors for each pixel, direct and indirect light; at the end one
+// vector: the colour, and in w 1, or 0 where the pixel must keep its own.
 
 import package::kit::group_index;
 import package::lib::constants::{DENOISE_BORDER, DENOISE_VECTORS};
@@ -592,7 +595,7 @@ fn guided_at(index: u32) -> Guided {
     return Guided(centre_at(index), load_guide(2u * index), load_guide(2u * index + 1u));
 }
 
-// All of a pixel that another one compares with itself and takes.
+// What a pixel needs of another one to compare it with itself, and to average it.
 struct Other {
     surface: Surface,
     direct_guide: vec4f,
@@ -784,8 +787,8 @@ fn change(light: vec4f, result: vec4f) -> vec2f {
     return vec2f(light.w * max(1.0 - result.w, 0.0), dot(d, d));
 }
 
-// The mixture of filtered light and the pixel's own that has the least expected error (James and Stein 1961; Stein's
-// estimate of the error of the filter is its squared change, without the variance that noise explains).
+// The mixture of the filtered light and the pixel's own with the least expected error (James and Stein 1961). Stein's
+// estimate of the filter's error is its squared change, less the variance that noise explains.
 fn mixed(light: vec4f, result: vec4f, sums: vec2f) -> vec3f {
     let trust = clamp(sums.x / max(sums.y, 1e-30), 0.0, 1.0);
     return mix(light.xyz, result.xyz, trust);

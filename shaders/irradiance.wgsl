@@ -47,8 +47,8 @@ struct IrradianceParameters {
     shrink: f32,
     // The first of the lights whose unshadowed light is added. Later dispatches with further lights add nothing else.
     first_light: u32,
-    // The points for which the grid of the caustic map is: those in a shell of cubes around a centre. The distance to
-    // the faces of its cubes is more than `inner` and at most `outer`.
+    // This grid of the caustic map serves only the points in a shell between two cubes around a centre: farther from it
+    // than the faces of the inner cube, at `inner`, and no farther than those of the outer one, at `outer`.
     centre: vec3f,
     inner: f32,
     outer: f32,
@@ -201,11 +201,11 @@ struct Estimate {
     @if(caustic_irradiance) caustic: vec3f,
 }
 
-// Irradiance at a position, by density estimation. With negative photons, direct
-// light is added as unshadowed, and shadow photons subtract the excess. Shadow photons also lie on hidden surfaces
-// within the disc: just below the point, or behind a wall. So unshadowed light is added for the hidden surfaces too.
-// The mean then equals that of a map of positive photons alone, which has no photons there. All lanes of a subgroup
-// trace at the same time (lib/packet); those that are not active trace no rays.
+// Irradiance at a position, by density estimation. With negative photons, direct light is added as unshadowed, and
+// shadow photons subtract the excess. Shadow photons also lie on hidden surfaces within the disc: just below the point,
+// or behind a wall. So unshadowed light is added for the hidden surfaces too. The mean then equals that of a map of
+// positive photons alone, which has no photons there. All lanes of a subgroup trace at the same time (lib/packet);
+// those that are not active trace no rays.
 fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32, is_active: bool, lane: u32) -> Estimate {
     let reach = reach_at(position, max_reach);
     let share = covered(position, normal, select(0.0, reach * irradiance_pass.grid.cell, is_active), lane);

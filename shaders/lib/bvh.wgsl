@@ -155,7 +155,7 @@ fn pop_group(traversal: ptr<function, Traversal>) {
     }
 }
 
-// Goes on in the mesh of an instance. A leaf of the upper tree is one instance.
+// Continues the traversal in the mesh of an instance. A leaf of the upper tree is one instance.
 @if(instances)
 fn enter_instance(traversal: ptr<function, Traversal>, number: u32) {
     let entered = ray_in_mesh((*traversal).ray, number);
@@ -169,7 +169,7 @@ fn enter_instance(traversal: ptr<function, Traversal>, number: u32) {
     (*traversal).inside = true;
 }
 
-// Goes on in the upper tree once the mesh has no node that is still to be visited.
+// Continues the traversal in the upper tree once all nodes of the mesh are visited.
 @if(instances)
 fn leave_instance(traversal: ptr<function, Traversal>) {
     let at_end = (*traversal).group < ONE_PENDING && (*traversal).height == (*traversal).floor;

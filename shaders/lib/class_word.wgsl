@@ -93,7 +93,7 @@ fn audit_probability(word: u32, probabilities: AuditProbabilities) -> f32 {
     return min(select(near, probabilities.away, nearness == AWAY), 1.0);
 }
 
-// Whether a decided candidate traces a shadow ray all the same.
+// Whether a decided candidate traces a shadow ray nevertheless.
 fn is_audited(seed: u32, sample_index: u32, light: u32, probability: f32) -> bool {
     return uniform_from_bits(hash3(seed, sample_index, DIMENSION_AUDIT + light)) < probability;
 }

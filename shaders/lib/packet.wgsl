@@ -64,7 +64,7 @@ fn trace_occluded_together(ray: Ray, sample: RaySample, lane: u32) -> bool {
     }
 }
 
-// Whether it is so in any lane of the packet; where each ray is traced alone, in this one.
+// Whether the condition holds in any lane of the packet; where each ray is traced alone, in this lane.
 fn in_any_lane(condition: bool, lane: u32) -> bool {
     @if(!packets) { return condition; }
     @if(packets) {
