@@ -56,7 +56,23 @@ impl PhotonBuffer {
         Ok(PhotonBuffer { buffer: gpu.buffer::<Photon>(label, room)?, count: 0, room, label })
     }
 
-    /// Makes room for `needed` photons, those in the buffer included. Returns false if the device can bind no buffer
+    /// Appends the first `count` of `photons`, and keeps room for `spare` more. Returns false, and appends none, if the
+    /// device cannot bind a buffer for so many.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn append(&mut self, gpu: &Gpu, photons: &Buffer, count: usize, spare: usize) -> Result<bool> {
+        if !self.reserve(gpu, self.count + count + spare)? {
+            return Ok(false);
+        }
+        let mut frame = gpu.frame("photons");
+        frame.copy(photons, &self.buffer, photon_bytes(self.count), photon_bytes(count));
+        frame.submit()?;
+        self.count += count;
+        Ok(true)
+    }
+
+    /// Makes room for `needed` photons, those in the buffer included. Returns false if the device cannot bind a buffer
     /// for so many.
     ///
     /// # Errors
@@ -79,13 +95,24 @@ impl PhotonBuffer {
 }
 
 /// Bytes of that many photons.
-pub(super) fn photon_bytes(photons: usize) -> u64 {
+fn photon_bytes(photons: usize) -> u64 {
     (photons * size_of::<Photon>()) as u64
 }
 
 /// The photons of the largest buffer that the device can bind.
 fn max_photons(gpu: &Gpu) -> usize {
     (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize
+}
+
+/// Checks that a photon map can sort the photons of this many lights.
+///
+/// # Errors
+/// [`Error::Usage`] for a number out of 1 to [`MAX_LIGHTS`].
+pub(super) fn check_lights(lights: u32) -> Result<()> {
+    if !(1..=MAX_LIGHTS).contains(&lights) {
+        return Err(Error::Usage(format!("a photon map is for 1 to {MAX_LIGHTS} lights, not {lights}")));
+    }
+    Ok(())
 }
 
 /// Checks that queries can count `nearest` photons.
@@ -111,6 +138,14 @@ shared_struct! {
     }
 }
 
+impl GridParameters {
+    fn new(shape: GridShape, lights: u32, photon_count: u32) -> GridParameters {
+        let cell_count = shape.cells().saturating_mul(lights);
+        let scan_blocks = cell_count.div_ceil(SCAN_SERIAL);
+        GridParameters { grid: shape, photon_count, cell_count, scan_blocks, padding: 0 }
+    }
+}
+
 bindings! {
     /// Buffers of the sort.
     struct SortBindings {
@@ -122,6 +157,44 @@ bindings! {
         pub sorted_photons: &Buffer,
         pub occupied_cells: &Buffer,
     }
+}
+
+/// The buffers that a sort fills; see [`SortBindings`].
+struct SortBuffers {
+    cell_counts: Buffer,
+    photon_ranks: Buffer,
+    block_sums: Buffer,
+    starts: Buffer,
+    sorted_photons: Buffer,
+    occupied_cells: Buffer,
+}
+
+impl SortBuffers {
+    fn new(gpu: &Gpu, parameters: &GridParameters) -> Result<SortBuffers> {
+        let GridParameters { photon_count, cell_count, scan_blocks, .. } = *parameters;
+        let [photons, cells, blocks] = [photon_count, cell_count, scan_blocks].map(|count| count as usize);
+        Ok(SortBuffers {
+            cell_counts: gpu.buffer::<u32>("grid/cell_counts", cells)?,
+            photon_ranks: gpu.buffer::<u32>("grid/photon_ranks", photons)?,
+            block_sums: gpu.buffer::<u32>("grid/block_sums", blocks)?,
+            starts: gpu.buffer::<[u32; 4]>("grid/cell_starts", whole_rows((cells + 1).div_ceil(4)))?,
+            sorted_photons: gpu.buffer::<Photon>("grid/photon_table", whole_rows(photons))?,
+            occupied_cells: gpu.buffer::<u32>("grid/occupied_cells", 1 + cells.min(photons))?,
+        })
+    }
+
+    fn bindings<'a>(&'a self, photons: &'a Buffer) -> SortBindings<'a> {
+        let SortBuffers { cell_counts, photon_ranks, block_sums, starts, sorted_photons, occupied_cells } = self;
+        SortBindings { photons, cell_counts, photon_ranks, block_sums, starts, sorted_photons, occupied_cells }
+    }
+}
+
+/// Sorted photons, with what the classification of their cells needs besides.
+struct SortedCells {
+    photons: SortedPhotons,
+    /// The number of cells that hold photons, then those cells.
+    occupied: Buffer,
+    parameters: GridParameters,
 }
 
 bindings! {
@@ -355,10 +428,10 @@ impl Grid {
         lights: u32,
         shape: GridShape,
     ) -> Result<SortedPhotons> {
-        Ok(self.sort_cells(gpu, photons, count, lights, shape)?.0)
+        Ok(self.sort_cells(gpu, photons, count, lights, shape)?.photons)
     }
 
-    /// As [`Grid::sort`]; also returns the cells that hold photons and the immediates of the kernels.
+    /// As [`Grid::sort`], for cells that may be classified next.
     fn sort_cells(
         &self,
         gpu: &Gpu,
@@ -366,53 +439,46 @@ impl Grid {
         count: u32,
         lights: u32,
         shape: GridShape,
-    ) -> Result<(SortedPhotons, Buffer, GridParameters)> {
-        if !(1..=MAX_LIGHTS).contains(&lights) {
-            return Err(Error::Usage(format!("a photon map is for 1 to {MAX_LIGHTS} lights, not {lights}")));
-        }
-        let cells = shape.cells() as usize * lights as usize;
-        let blocks = (cells as u32).div_ceil(SCAN_SERIAL);
-        let cell_counts = gpu.buffer::<u32>("grid/cell_counts", cells)?;
-        let photon_ranks = gpu.buffer::<u32>("grid/photon_ranks", count as usize)?;
-        let block_sums = gpu.buffer::<u32>("grid/block_sums", blocks as usize)?;
-        let starts = gpu.buffer::<[u32; 4]>("grid/cell_starts", whole_rows((cells + 1).div_ceil(4)))?;
-        let sorted_photons = gpu.buffer::<Photon>("grid/photon_table", whole_rows(count as usize))?;
-        let occupied_cells = gpu.buffer::<u32>("grid/occupied_cells", 1 + cells.min(count as usize))?;
-        let own = SortBindings {
-            photons,
-            cell_counts: &cell_counts,
-            photon_ranks: &photon_ranks,
-            block_sums: &block_sums,
-            starts: &starts,
-            sorted_photons: &sorted_photons,
-            occupied_cells: &occupied_cells,
-        };
-        let parameters = GridParameters {
-            grid: shape,
-            photon_count: count,
-            cell_count: cells as u32,
-            scan_blocks: blocks,
-            padding: 0,
-        };
-        let entry = |name: &str| -> Result<BoundKernel> { Ok(self.kernel.bind(gpu, name, &[&own])?) };
+    ) -> Result<SortedCells> {
+        check_lights(lights)?;
+        let parameters = GridParameters::new(shape, lights, count);
+        let buffers = SortBuffers::new(gpu, &parameters)?;
         let mut frame = gpu.frame("grid");
-        frame.run(&entry("count")?, count, &parameters);
-        frame.run(&entry("sum")?, blocks, &parameters);
-        frame.run(&entry("scan")?, 1, &parameters);
-        frame.run(&entry("start")?, blocks, &parameters);
-        frame.run(&entry("scatter")?, count, &parameters);
-        let bytes = sorted_photons.bytes + starts.bytes;
-        let sorted = SortedPhotons {
+        self.record_sort(gpu, &mut frame, &buffers.bindings(photons), &parameters)?;
+        let SortBuffers { starts, sorted_photons, occupied_cells, .. } = buffers;
+        let photons = SortedPhotons {
             shape,
             lights,
             count,
-            bytes,
+            bytes: sorted_photons.bytes + starts.bytes,
             photon_table: gpu.kernel_table(&mut frame, sorted_photons.clone(), TableFormat::Uint)?,
             cell_starts: gpu.kernel_table(&mut frame, starts, TableFormat::Uint)?,
             sorted: sorted_photons,
         };
         frame.submit()?;
-        Ok((sorted, occupied_cells, parameters))
+        Ok(SortedCells { photons, occupied: occupied_cells, parameters })
+    }
+
+    /// Records the steps of the counting sort.
+    fn record_sort(
+        &self,
+        gpu: &Gpu,
+        frame: &mut Frame<'_>,
+        buffers: &SortBindings<'_>,
+        parameters: &GridParameters,
+    ) -> Result<()> {
+        let GridParameters { photon_count, scan_blocks, .. } = *parameters;
+        let steps = [
+            ("count", photon_count),
+            ("sum", scan_blocks),
+            ("scan", 1),
+            ("start", scan_blocks),
+            ("scatter", photon_count),
+        ];
+        for (entry, invocations) in steps {
+            frame.run(&self.kernel.bind(gpu, entry, &[buffers])?, invocations, parameters);
+        }
+        Ok(())
     }
 
     /// Sorts the first `count` of `photons`, as [`Grid::sort`] does, and classifies the cells.
@@ -420,7 +486,8 @@ impl Grid {
     /// # Errors
     /// As [`Grid::sort`].
     pub fn build(&self, gpu: &Gpu, photons: &Buffer, count: u32, lights: u32, shape: GridShape) -> Result<PhotonGrid> {
-        let (sorted, occupied_cells, parameters) = self.sort_cells(gpu, photons, count, lights, shape)?;
+        let SortedCells { photons: sorted, occupied: occupied_cells, parameters } =
+            self.sort_cells(gpu, photons, count, lights, shape)?;
         let cells = parameters.cell_count as usize;
         let classify_arguments = gpu.buffer::<u32>("grid/classify_arguments", 4)?;
         let cell_class_words = gpu.buffer::<[u32; 4]>("grid/cell_class_words", whole_rows(cells))?;

@@ -3,9 +3,9 @@
 
 use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
-use super::grid::{Photon, PhotonBuffer, photon_bytes};
+use super::grid::{Photon, PhotonBuffer, check_lights};
 use super::kernel;
-use crate::kernels::{MAX_LIGHTS, PHOTON_COUNT_HEADER, PHOTON_COUNTS_PER_LIGHT};
+use crate::kernels::{PHOTON_COUNT_HEADER, PHOTON_COUNTS_PER_LIGHT};
 use crate::settings::Settings;
 use crate::specialisation::features::Features;
 use crate::{Error, Result};
@@ -95,13 +95,8 @@ impl Photons {
         seed: u32,
         spare: u32,
     ) -> Result<Traced> {
-        if !(1..=MAX_LIGHTS).contains(&lights) {
-            return Err(Error::Usage(format!("a photon map is for 1 to {MAX_LIGHTS} lights, not {lights}")));
-        }
-        let all_rays = u32::try_from(u64::from(rays) * u64::from(lights)).map_err(|_| {
-            let problem = format!("is {rays}: all lights together would emit 2^32 photons or more");
-            Error::setting("visibility_map.photons_per_light", problem)
-        })?;
+        check_lights(lights)?;
+        let all_rays = rays_of_all_lights(rays, lights)?;
         let max_rays = DISPATCH_RAYS.min(all_rays.max(1));
         let max_photons = (max_rays * (1 + self.shadow_photons_per_ray)) as usize;
         let traced = gpu.buffer::<Photon>("penumbra/photons/traced", max_photons)?;
@@ -121,24 +116,47 @@ impl Photons {
             frame.clear(&counts);
             frame.run(&bound, ray_count, &PhotonParameters { first_ray: done, ray_count, light_count: lights, seed });
             frame.submit()?;
-            let counted: Vec<u32> = gpu.read(&counts, words)?;
-            let more = counted[0] as usize;
-            if !photons.reserve(gpu, photons.count + more + spare)? {
+            let counted = Counted::read(gpu, &counts)?;
+            if !photons.append(gpu, &traced, counted.photons, spare)? {
                 break;
             }
-            let mut frame = gpu.frame("photons");
-            frame.copy(&traced, &photons.buffer, photon_bytes(photons.count), photon_bytes(more));
-            frame.submit()?;
-            photons.count += more;
             done += ray_count;
-            overruns += u64::from(counted[1]);
-            let by_light = counted[PHOTON_COUNT_HEADER as usize..].chunks_exact(PHOTON_COUNTS_PER_LIGHT as usize);
-            for (sum, new) in stored.iter_mut().zip(by_light) {
+            overruns += counted.overruns;
+            for (sum, new) in stored.iter_mut().zip(counted.stored) {
                 *sum = [sum[0] + new[0], sum[1] + new[1]];
             }
         }
         // Ray numbers go round the lights, one ray of each light per round.
         let emitted = (0..lights).map(|light| done / lights + u32::from(light < done % lights)).collect();
         Ok(Traced { photons: photons.buffer, count: photons.count as u32, emitted, stored, overruns })
+    }
+}
+
+/// Rays of all lights together, for `rays` rays of each.
+///
+/// # Errors
+/// [`Error::Setting`] if a 32-bit number cannot count them.
+fn rays_of_all_lights(rays: u32, lights: u32) -> Result<u32> {
+    u32::try_from(u64::from(rays) * u64::from(lights)).map_err(|_| {
+        let problem = format!("is {rays}: all lights together would emit 2^32 photons or more");
+        Error::setting("visibility_map.photons_per_light", problem)
+    })
+}
+
+/// What a dispatch counted.
+struct Counted {
+    photons: usize,
+    /// Rays that exceeded the loop budget.
+    overruns: u64,
+    /// Illumination and shadow photons of each light.
+    stored: Vec<[u32; 2]>,
+}
+
+impl Counted {
+    fn read(gpu: &Gpu, counts: &Buffer) -> Result<Counted> {
+        let words: Vec<u32> = gpu.read(counts, counts.bytes as usize / size_of::<u32>())?;
+        let by_light = words[PHOTON_COUNT_HEADER as usize..].chunks_exact(PHOTON_COUNTS_PER_LIGHT as usize);
+        let stored = by_light.map(|light| [light[0], light[1]]).collect();
+        Ok(Counted { photons: words[0] as usize, overruns: u64::from(words[1]), stored })
     }
 }
