@@ -10,12 +10,12 @@
 pub(crate) const INSTANCE_TEXELS: u32 = 7;
 
 /// Where kernels find instances. They give a triangle of instance i the primitive index
-/// `flat + (i << shift) + index within the mesh`. Below `flat` are the triangles that are no part of a shared mesh.
+/// `flat + (i << shift) + index within the mesh`. Below `flat` are the triangles that belong to no shared mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InstanceTable {
     /// The first texel of the instances in [`Bvh::triangles`](super::Bvh::triangles).
     pub base: u32,
-    /// Number of triangles that are no part of a shared mesh.
+    /// Number of triangles that belong to no shared mesh.
     pub flat: u32,
     /// Bits of the index within a mesh.
     pub shift: u32,

@@ -100,7 +100,7 @@ pub fn with_camera(source: &Path, folder: &Path, camera: &AddedCamera) -> Result
     Ok((if is_binary { binary(&bytes, edited) } else { edited.into_bytes() }, name))
 }
 
-/// Whether a buffer, an image or a procedural object has a URI that is no data URI.
+/// Whether a buffer, an image or a procedural object has a URI other than a data URI.
 fn refers_to_files(document: &Value) -> bool {
     let entries = |list: &str| document[list].as_array().into_iter().flatten();
     let uris = entries("buffers").chain(entries("images")).map(|entry| &entry["uri"]);
@@ -125,7 +125,7 @@ fn free_name(document: &Value, name: &str) -> String {
     names.find(|name| !taken.contains(name.as_str())).unwrap_or_default()
 }
 
-/// The text with a camera and its node; `None` if it is no document.
+/// The text with a camera and its node; `None` if it is not a glTF document.
 fn edit(text: &str, document: &Value, camera: &AddedCamera, name: &str) -> Option<String> {
     let length = |list: &str| document[list].as_array().map_or(0, Vec::len);
     let [right, up, backward] = camera.axes;

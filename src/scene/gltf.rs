@@ -184,7 +184,7 @@ impl<'r, 'a> Document<'r, 'a> {
             nodes.filter_map(|(i, (node, of_node))| Some((i, node, of_node, &self.meshes[of_node.mesh?])))
         };
         let repeats = self.repeats(materials, options.max_copied_triangles)?;
-        // For a shared mesh: the copies that are no instances, and one more, which is stored for the instances.
+        // For a shared mesh: the copies that are not instances, and the one that all instances share.
         let mut stored = vec![false; self.meshes.len()];
         let placed = meshes().map(|(_, node, of_node, mesh)| {
             let instances = of_node.mesh.map_or(0, |mesh| repeats.instances_at(node.index, mesh));

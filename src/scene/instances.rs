@@ -13,7 +13,7 @@ use super::triangle::Triangle;
 use crate::{Error, Result};
 
 impl Scene {
-    /// Number of triangles that are no part of a shared mesh. They come first.
+    /// Number of triangles that belong to no shared mesh. They come first.
     pub fn flat_triangles(&self) -> usize {
         self.shared_meshes.first().map_or(self.triangles.len(), |mesh| mesh.triangles.start)
     }

@@ -126,21 +126,11 @@ impl<'r, 'a> Reader<'_, 'r, 'a> {
         }
         let mut corners = self.corners(json, count)?;
         let which = used(&corners, count);
-        self.vertices += which.as_ref().map_or(count, Vec::len);
-        if self.vertices > MAX_VERTICES {
-            return Err(json.error(format!("the meshes have more than {MAX_VERTICES} vertices")));
-        }
         if let Some(which) = &which {
-            for corner in &mut corners {
-                *corner = which.partition_point(|vertex| vertex < corner) as u32;
-            }
+            renumber(&mut corners, which);
         }
         let targets = self.targets(json, &attributes, count)?;
-        self.displacements += targets.len() * which.as_ref().map_or(count, Vec::len);
-        if self.displacements > MAX_DISPLACEMENTS {
-            let problem = format!("the meshes have more than {MAX_DISPLACEMENTS} displacements by morph targets");
-            return Err(json.error(problem));
-        }
+        self.count(json, which.as_ref().map_or(count, Vec::len), targets.len())?;
         let mut read = Attributes { json: attributes, reader: self, count, which: which.as_deref(), not_finite: false };
         let positions = read.read::<3, Vec3>("POSITION", &[3])?;
         let normals = read.read::<3, Vec3>("NORMAL", &[3])?;
@@ -148,21 +138,9 @@ impl<'r, 'a> Reader<'_, 'r, 'a> {
         let uvs = [read.read::<2, Vec2>("TEXCOORD_0", &[2])?, read.read::<2, Vec2>("TEXCOORD_1", &[2])?];
         let colours = read.read::<4, Vec4>("COLOR_0", &[3, 4])?;
         let influences = read.influences()?;
-        let mut not_finite = read.not_finite;
-        let morph = match targets.is_empty() {
-            true => None,
-            false => {
-                let (morph, wrong) = Morph::new(targets, which)?;
-                if let Some((json, element)) = &wrong
-                    && !self.lenient
-                {
-                    return Err(json.error(format!("element {element} is not finite")));
-                }
-                not_finite |= wrong.is_some();
-                Some(morph)
-            }
-        };
-        if not_finite {
+        let not_finite = read.not_finite;
+        let (morph, morph_not_finite) = self.morph(targets, which)?;
+        if not_finite || morph_not_finite {
             self.skipped.not_finite += 1;
             return Ok(None);
         }
@@ -173,6 +151,37 @@ impl<'r, 'a> Reader<'_, 'r, 'a> {
             return Ok(None);
         }
         Ok(Some(Primitive { positions, normals, tangents, uvs, colours, triangles, material, morph, influences }))
+    }
+
+    /// Counts the vertices of a primitive, and their displacements by `targets` morph targets. Refuses too many.
+    fn count(&mut self, json: &Json, vertices: usize, targets: usize) -> Result<()> {
+        self.vertices += vertices;
+        if self.vertices > MAX_VERTICES {
+            return Err(json.error(format!("the meshes have more than {MAX_VERTICES} vertices")));
+        }
+        self.displacements += targets * vertices;
+        if self.displacements > MAX_DISPLACEMENTS {
+            let problem = format!("the meshes have more than {MAX_DISPLACEMENTS} displacements by morph targets");
+            return Err(json.error(problem));
+        }
+        Ok(())
+    }
+
+    /// The morph targets of the vertices `which`, or of all; `None` if there are no targets. Also returns whether a
+    /// lenient import found a number in them that is not finite.
+    fn morph(
+        &self,
+        targets: Vec<morph::Target<'r, 'a>>,
+        which: Option<Vec<u32>>,
+    ) -> Result<(Option<Morph<'r, 'a>>, bool)> {
+        if targets.is_empty() {
+            return Ok((None, false));
+        }
+        let (morph, wrong) = Morph::new(targets, which)?;
+        match &wrong {
+            Some((json, element)) if !self.lenient => Err(json.error(format!("element {element} is not finite"))),
+            _ => Ok((Some(morph), wrong.is_some())),
+        }
     }
 
     /// Checks that the primitive has the coordinates of all textures of its material, which a variant may have given.
@@ -241,6 +250,13 @@ fn used(corners: &[u32], count: usize) -> Option<Vec<u32>> {
         (0..count as u32).filter(|&vertex| occurs[vertex as usize]).collect()
     };
     (which.len() < count).then_some(which)
+}
+
+/// Replaces vertex indices by their positions in `which`, which has all of them.
+fn renumber(corners: &mut [u32], which: &[u32]) {
+    for corner in corners {
+        *corner = which.partition_point(|vertex| vertex < corner) as u32;
+    }
 }
 
 /// Reads the attributes of a primitive with `count` vertices: those of the vertices `which`, or of all.

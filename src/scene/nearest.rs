@@ -24,7 +24,7 @@ pub struct Nearest {
 /// A scene's surfaces, searched by rays on the CPU. Making it reads each triangle once.
 pub struct SurfaceSearch<'a> {
     scene: &'a Scene,
-    /// The triangles that are no part of a shared mesh.
+    /// The triangles that belong to no shared mesh.
     flat: Runs,
     /// The triangles of each shared mesh, in its own space.
     shared: Vec<Runs>,
