@@ -7,7 +7,7 @@ import package::lib::light::light_max_solid_angle;
 // Minimum probability of hitting a light from which on such rays count: the upper bound of the density of the BSDF's
 // samples times that of the light's solid angle. Below it, light points have the weight 1 and rays that hit the light
 // have the weight 0: no lobe is so narrow that light points would miss it.
-// docs/experiments.md, "Rays where they may hit a light", has the measurements.
+// docs/experiments.md, "BSDF rays that may hit a light", has the measurements.
 override min_hit_probability: f32;
 
 // Upper bound of the probability that a ray sampled from a BSDF of the given maximum density hits the light.

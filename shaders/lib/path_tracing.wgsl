@@ -4,10 +4,11 @@
 // In: the first vertex of a path, and the scene. Lengths are in scene units after normalisation.
 // Out: radiance, and the numbers of rays.
 //
-// With the feature `indirect`, other passes have done next-event estimation at the first vertex. Of direct light, the
-// path then adds only what its first ray hits, for the specular part of the BSDF; without `bsdf_rays` it adds none of
-// that, because all lights are small compared with the lobes of all surfaces (lib/bsdf_rays). With `global_map`, a path
-// ends at precomputed irradiance (Christensen 1999), once its footprint is wide enough (FOOTPRINT_RADII).
+// With the feature `indirect`, other passes have done next-event estimation at the first vertex. The only direct light
+// that the path then adds is that which its first ray hits, for the specular part of the BSDF. Without `bsdf_rays` it
+// does not even add that, because all lights are small compared with the lobes of all surfaces (lib/bsdf_rays). With
+// `global_map`, a path ends at precomputed irradiance (Christensen 1999), once its footprint is wide enough
+// (FOOTPRINT_RADII).
 // With `caustics`, another pass adds the light that the diffuse part of the visible surface receives from lights by way
 // of focusing surfaces only. With `caustic_irradiance`, later vertices take that light from the irradiance points: a
 // path would rarely hit it, by chance.
@@ -348,7 +349,7 @@ struct KnownLight {
 // Radius of a footprint for which a look-up is accurate enough, over that of the irradiance point's disc. Where
 // surfaces meet, a disc's blur shows: with 1 the lower side of a ball on a floor was 4.5 % too bright, with 2 it is
 // 2.8 %, with 4 less than 1 %. But elsewhere, paths instead of look-ups add noise
-// (docs/decisions.md, "Look-ups of wider footprints alone").
+// (docs/decisions.md, "Look-ups only for wide footprints").
 @if(global_map) const FOOTPRINT_RADII = 2.0;
 
 // Photons of the surface are stored at the position and normal; `spread` is the radius of the path's footprint there.

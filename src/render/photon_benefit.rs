@@ -27,7 +27,7 @@ const MIN_DECIDED: f64 = 0.6;
 
 /// Like [`MIN_DECIDED`], for adaptive sampling with a fixed budget: pixels in penumbrae get most of the samples,
 /// whatever photons decide elsewhere. 64 samples took 0.65 to 1.02 times as long with photons as without if the share
-/// was 0.46 or more, and 1.05 times if it was 0.21 (docs/decisions.md, "Samples shared out").
+/// was 0.46 or more, and 1.05 times if it was 0.21 (docs/decisions.md, "Adaptive sampling with a fixed budget").
 const MIN_DECIDED_OF_ALLOCATED: f64 = 0.4;
 
 /// Part of the latest growth of the share by which it will grow further, as fine cells are divided. In 16 scenes and

@@ -17,12 +17,13 @@ const DOMINANT_SHARE: f64 = 0.75;
 
 /// For photons to be emitted, this multiple of the samples for which they pay off must still fit, because composing
 /// their kernels takes part of the time. Without this margin `scenes/box.glb` had 1.6 times the error of `two-pass`
-/// after a second; with it, 1.1 times (docs/decisions.md, "Photons where the time allows").
+/// after a second; with it, 1.1 times (docs/decisions.md, "Photons in a time budget").
 const MARGIN_FOR_KERNELS: u32 = 2;
 
 /// Expected time of a sample whose pixels are chosen by adaptive sampling, over that of one sample of all pixels, until
 /// it has been measured: pixels in penumbrae trace more rays (1.1 to 2.7 times in seven scenes; docs/decisions.md,
-/// "Samples shared out"). The first decision on pixels takes about as long as a sample of all pixels.
+/// "Adaptive sampling with a fixed budget"). The first decision on pixels takes about as long as a sample of all
+/// pixels.
 const ALLOCATED_SAMPLE: f64 = 2.0;
 
 /// Expected times of samples.

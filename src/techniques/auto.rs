@@ -2,7 +2,7 @@
 
 use kernel_kit::Gpu;
 
-use super::view_sketch::{shows_a_model_by_itself, shows_the_open};
+use super::view_sketch::{shows_isolated_model, shows_open_scene};
 use crate::scene::{Camera, Light, LightKind, Scene};
 use crate::settings::{
     Aov, IrradianceCacheSettings, Sampling, Settings, ShadowRaySettings, Technique, VisibilityMapSettings,
@@ -26,7 +26,7 @@ pub struct Choice {
 
 /// Parts of the time of the default technique's first sample, in seconds, on a software device of two cores after the
 /// scene is imported. Fitted to the scenes of `scenes/` at 128, 256 and 512 pixels each way, with kernels compiled
-/// before (docs/decisions.md, "A technique for the time").
+/// before (docs/decisions.md, "Choosing a technique for a time budget").
 mod seconds {
     /// Composing kernels of Lambertian surfaces.
     pub const KERNELS: f64 = 0.26;
@@ -61,27 +61,27 @@ const MIN_TIMES: f64 = 0.9;
 /// Like [`MIN_TIMES`], for open scenes. In the crowd, a single sample has 3 to 4.5 times the error of the samples that
 /// `path` has by then, two samples have 1.6 times its error, and four 0.7 times. In the scenes with the ball and with
 /// procedural objects, two samples have half the error of `path`. Further samples take little time: two to four fit.
-const MIN_TIMES_IN_THE_OPEN: f64 = 1.25;
+const MIN_TIMES_OF_OPEN_SCENE: f64 = 1.25;
 
 /// Adaptive sampling is used if the time is at least this multiple of the expected time of the first sample. In less
 /// time hardly more than four samples fit. The noise estimates that it needs each take half as long as a sample, and
 /// then cost as much as they gain.
 const MIN_TIMES_TO_SHARE: f64 = 2.6;
 
-/// For a model by itself `path` has less error, or about the same, up to about this multiple of the expected time of
-/// the first sample of the default technique (docs/decisions.md, "Models by themselves").
+/// For an isolated model `path` has less error, or about the same, up to about this multiple of the expected time of
+/// the first sample of the default technique (docs/decisions.md, "Isolated models").
 const MAX_TIMES_OF_PATHS: f64 = 5.0;
 
 /// As [`MAX_TIMES_OF_PATHS`], if a panorama is the only light. At about this multiple `path` has 0.7 to 0.95 of the
 /// error of the default technique, and at sixty about the same error.
-const MAX_TIMES_OF_PATHS_UNDER_A_SKY: f64 = 25.0;
+const MAX_TIMES_OF_PATHS_UNDER_SKY: f64 = 25.0;
 
-/// Samples that `path` takes of a model by itself in the expected time of the first sample of the default technique: 5
+/// Samples that `path` takes of an isolated model in the expected time of the first sample of the default technique: 5
 /// to 11 were measured with times of 4 to 30 s. If fewer samples are requested, the render ends early, and `path` is
 /// not used: one of its samples has no less noise than one of the default technique.
 const MAX_PATHS_IN_FIRST_SAMPLE: f64 = 13.0;
 
-/// As [`MIN_TIMES_TO_SHARE`], for `path` and a model by itself. The first sample of `path` takes about half as long.
+/// As [`MIN_TIMES_TO_SHARE`], for `path` and an isolated model. The first sample of `path` takes about half as long.
 const MIN_TIMES_TO_SHARE_PATHS: f64 = 1.7;
 
 impl Choice {
@@ -96,7 +96,8 @@ impl Choice {
     /// The exception is a render that is complete sooner, as one sample of the default technique has no more noise than
     /// one of `path`.
     ///
-    /// Adaptive sampling removes up to half of the error at equal time (docs/decisions.md, "Samples shared out").
+    /// Adaptive sampling removes up to half of the error at equal time (docs/decisions.md, "Adaptive sampling with a
+    /// fixed budget").
     /// Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
     pub fn new(
         gpu: &Gpu,
@@ -120,11 +121,11 @@ impl Choice {
         let size = [settings.image.width, settings.image.height];
         let reason = if !is_free {
             None
-        } else if times < MIN_TIMES || (times < MIN_TIMES_IN_THE_OPEN && shows_the_open(scene, camera, size)) {
+        } else if times < MIN_TIMES || (times < MIN_TIMES_OF_OPEN_SCENE && shows_open_scene(scene, camera, size)) {
             Some(format!("photons and records would take about {expected:.1} s before the first image"))
         } else if times < max_times_of_paths(scene)
             && f64::from(settings.image.spp) >= MAX_PATHS_IN_FIRST_SAMPLE * times
-            && shows_a_model_by_itself(scene, camera, size)
+            && shows_isolated_model(scene, camera, size)
         {
             Some("most of the image is empty, and few paths would meet a second surface".into())
         } else {
@@ -141,10 +142,10 @@ impl Choice {
     }
 }
 
-/// Up to how many times the expected time of the first sample `path` renders a model by itself.
+/// The multiple of the expected time of the first sample up to which `path` renders an isolated model.
 fn max_times_of_paths(scene: &Scene) -> f64 {
     let is_sky = |light: &Light| matches!(light.kind, LightKind::Environment { .. });
-    if scene.lights.iter().all(is_sky) { MAX_TIMES_OF_PATHS_UNDER_A_SKY } else { MAX_TIMES_OF_PATHS }
+    if scene.lights.iter().all(is_sky) { MAX_TIMES_OF_PATHS_UNDER_SKY } else { MAX_TIMES_OF_PATHS }
 }
 
 /// Whether `path` can satisfy all settings: none is set that affects only photons, records or shadow rays.

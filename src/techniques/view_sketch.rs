@@ -15,26 +15,26 @@ const SIDE: u32 = 16;
 /// The next ray starts above the surface by this share of the way to it, far more than rounding in double precision.
 const OFFSET: f64 = 1e-4;
 
-/// Models by themselves cover 0.10 to 0.49 of the image. A ball on a floor covers 0.59, and there `path` has the larger
+/// Isolated models cover 0.10 to 0.49 of the image. A ball on a floor covers 0.59, and there `path` has the larger
 /// error once the default technique has its first sample.
 const MAX_COVERAGE: f64 = 0.5;
 
-/// Share of the pixels whose path meets a second surface: 0.004 to 0.075 for models by themselves, 0.21 to 1 in rooms
+/// Share of the pixels whose path meets a second surface: 0.004 to 0.075 for isolated models, 0.21 to 1 in rooms
 /// and landscapes.
 const MAX_SECOND_SURFACES: f64 = 0.1;
 
 /// Like [`MAX_SECOND_SURFACES`], for open scenes, such as the crowd with 0.21.
-const MAX_SECOND_SURFACES_IN_THE_OPEN: f64 = 0.3;
+const MAX_SECOND_SURFACES_OF_OPEN_SCENE: f64 = 0.3;
 
-/// Whether most paths end after one surface, as they leave the scene.
-pub fn shows_the_open(scene: &Scene, camera: &Camera, size: [u32; 2]) -> bool {
-    second_surfaces(scene, camera, size) < MAX_SECOND_SURFACES_IN_THE_OPEN
+/// Whether the image shows an open scene: most paths leave it after one surface.
+pub fn shows_open_scene(scene: &Scene, camera: &Camera, size: [u32; 2]) -> bool {
+    second_surfaces(scene, camera, size) < MAX_SECOND_SURFACES_OF_OPEN_SCENE
 }
 
-/// Whether the image shows a model by itself: most pixels are empty, and few paths continue from one surface to
+/// Whether the image shows an isolated model: most pixels are empty, and few paths continue from one surface to
 /// another. There many samples of `path` take little time, and little of the light is indirect, so records are hardly
 /// needed.
-pub fn shows_a_model_by_itself(scene: &Scene, camera: &Camera, [width, height]: [u32; 2]) -> bool {
+pub fn shows_isolated_model(scene: &Scene, camera: &Camera, [width, height]: [u32; 2]) -> bool {
     let aspect = width as f32 / height as f32;
     scene.covered_share(camera, aspect) < MAX_COVERAGE
         && second_surfaces(scene, camera, [width, height]) < MAX_SECOND_SURFACES
@@ -75,8 +75,8 @@ mod tests {
 
     type Quad = [Vec3; 4];
 
-    /// The share of pixels whose path meets a second surface, whether that is a model by itself, and whether it is in
-    /// the open.
+    /// The share of pixels whose path meets a second surface, whether that is an isolated model, and whether it is an
+    /// open scene.
     fn sketch(quads: &[Quad], position: Vec3) -> (f64, bool, bool) {
         let vertex = |position: Vec3| Vertex { position, colour: Vec4::ONE, ..Vertex::default() };
         let triangle = |vertices: [u32; 3]| Triangle { vertices, material: 0, light: NO_LIGHT };
@@ -98,8 +98,8 @@ mod tests {
             lens: None,
         };
         let size = [64, 64];
-        let is_open = shows_the_open(&scene, &camera, size);
-        (second_surfaces(&scene, &camera, size), shows_a_model_by_itself(&scene, &camera, size), is_open)
+        let is_open = shows_open_scene(&scene, &camera, size);
+        (second_surfaces(&scene, &camera, size), shows_isolated_model(&scene, &camera, size), is_open)
     }
 
     /// A rectangle at z = 0.

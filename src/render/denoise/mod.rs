@@ -16,8 +16,8 @@ use crate::Error;
 use crate::Result;
 use crate::settings::Denoise;
 
-/// Added to the square of a pixel, over which squared errors are averaged (relMSE): dark pixels would else decide
-/// alone.
+/// Added to the square of a pixel in relMSE, which is the mean of squared errors over squared pixels: otherwise dark
+/// pixels alone would decide.
 pub const RELMSE_FLOOR: f64 = 0.01;
 
 /// Scene-linear R, G and B.
@@ -116,8 +116,8 @@ trait Filter {
     fn seconds_per_pixel(&self, gpu: &Gpu, runs: u32) -> f64;
 }
 
-/// Share of the time for denoising within which errors are estimated and filters mixed. That takes three times as long
-/// as a filter alone, and gains less than it: with samples in place of it more is gained where time is short.
+/// Errors are estimated, and filters mixed, if denoising then takes at most this share of its time. It takes three
+/// times as long as a filter alone, and gains less: if time is short, more samples gain more.
 const MIXED_SHARE: f64 = 2.0 / 3.0;
 
 /// Seconds of one processor core, on all cores.
@@ -248,7 +248,7 @@ impl Denoiser {
         } else {
             mixture::alone(&raw, &candidates[0])
         };
-        // The error of a region is not theirs.
+        // Clean pixels were not filtered: their error is that of their own samples, not that of their region.
         for (i, error) in mixed.error.iter_mut().enumerate().filter(|(i, _)| noisy.is_clean[*i]) {
             *error = variance[i].map(f32::sqrt);
         }
