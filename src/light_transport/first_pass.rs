@@ -35,9 +35,9 @@ pub(crate) struct FirstPass<'a> {
     pub direct_kernels: DirectKernels,
     pub indirect_kernels: &'a IndirectKernels,
     pub primary: &'a BoundPrimary,
-    pub view: &'a Camera,
-    /// `view` as kernels read it.
-    pub camera: &'a CameraUniform,
+    pub camera: &'a Camera,
+    /// The camera as kernels read it.
+    pub camera_uniform: &'a CameraUniform,
     pub settings: &'a Settings,
     /// The settings of indirect light, whose numbers of photons and gather rays depend on the first sample.
     pub indirect_settings: &'a Settings,
@@ -76,9 +76,9 @@ impl FirstPass<'_> {
     pub fn make_fine_cells(&mut self) -> Result<()> {
         if let Some(kernel) = self.direct_kernels.fine_cells.take() {
             let image = &self.settings.image;
-            let covered = self.shared.scene.covered_share(self.view, image.width as f32 / image.height as f32);
+            let covered = self.shared.scene.covered_share(self.camera, image.width as f32 / image.height as f32);
             let pixels = (covered * f64::from(image.width) * f64::from(image.height)) as u64;
-            let cells = FineCellMap::new(&self.shared, &kernel, self.camera, image.height, pixels)?;
+            let cells = FineCellMap::new(&self.shared, &kernel, self.camera_uniform, image.height, pixels)?;
             self.lighting.fine_cells = Some(cells);
         }
         Ok(())
@@ -124,8 +124,8 @@ impl FirstPass<'_> {
     /// photons (passes `flux`, `grid`, `irradiance`). Then places irradiance records all over the view, from coarse to
     /// fine, each with a final gather that ends in the map (passes `cache`, `gather`).
     pub fn make_indirect_light(&mut self) -> Result<()> {
-        let FirstPass { shared, indirect_kernels: kernels, primary, camera, indirect_settings: settings, .. } = *self;
-        let setup = IndirectSetup { shared, kernels, primary, camera, settings };
+        let FirstPass { shared, indirect_kernels: kernels, primary, indirect_settings: settings, .. } = *self;
+        let setup = IndirectSetup { shared, kernels, primary, camera: self.camera_uniform, settings };
         let made = mem::take(&mut self.made.indirect);
         self.lighting.indirect = Some(IndirectLight::new(&setup, made, self.totals)?);
         Ok(())

@@ -8,7 +8,7 @@ use crate::Result;
 use crate::kernels::GridShape;
 use crate::passes::Tile;
 use crate::passes::flux::{Flux, FluxPhotons, FluxSettings};
-use crate::passes::grid::Grid;
+use crate::passes::grid::{Grid, SortedPhotons};
 use crate::passes::irradiance::{
     BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_IRRADIANCE_POINT_RAY, Shell, ShownMap,
     irradiance_point_grid,
@@ -69,53 +69,22 @@ impl GlobalMap {
         paths: bool,
         totals: &mut Totals,
     ) -> Result<GlobalMap> {
-        let Shared { gpu, scene, gpu_scene, tile } = *shared;
-        let shown = settings.technique.shows_map();
-        // A look-up happens after one bounce.
-        let max_bounces =
-            if shown { settings.indirect.max_bounces } else { settings.indirect.max_bounces.saturating_sub(1) };
-        let flux_photons = settings.flux_photons();
-        // Maps of other numbers of photons are independent, as irradiance records have gather rays that end in several
-        // of them. Users may count up their seeds, so others are far away.
-        let seed = settings.image.seed.wrapping_add(flux_photons.wrapping_mul(0x9e37_79b9));
-        let caustics = totals.indirect.caustics;
-        let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
-            let flux = FluxSettings { rays, max_bounces, seed, caustics_only: false };
-            let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, flux)?;
-            count_flux_photons(&traced, totals);
-            Ok(traced)
-        };
-        let extent = extent(scene);
-        let photons = trace(flux_photons, seed)?;
-        let mut counts = Indirect {
+        let extent = extent(shared.scene);
+        let flux = flux_settings(settings);
+        let photons = trace(shared, kernels, flux, totals)?;
+        totals.indirect = Indirect {
             emitted: u64::from(photons.emitted),
             photons: u64::from(photons.count),
             clipped: photons.clipped,
-            caustics,
+            caustics: totals.indirect.caustics,
             ..Indirect::default()
         };
         let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);
-        let map = kernels.grid.sort(gpu, &photons.photons, photons.count, 1, shape)?;
-        let mut irradiance = None;
-        if paths {
-            // Irradiance points are the positions of further photons, which lie where light arrives.
-            let points = trace(flux_photons.div_ceil(RAYS_PER_IRRADIANCE_POINT_RAY), !seed)?;
-            let shape = irradiance_point_grid(extent, points.count);
-            let points = kernels.grid.sort(gpu, &points.photons, points.count, 1, shape)?;
-            let precomputed = kernels.irradiance.precompute(gpu, gpu_scene, &map, points, photons.step)?;
-            counts.points = u64::from(precomputed.points.count);
-            totals.indirect_bytes += precomputed.bytes;
-            totals.count(Counter::NotFiniteIrradiance, precomputed.not_finite);
-            irradiance = Some(precomputed);
-        }
-        let mut show = None;
-        if shown {
-            totals.indirect_bytes += map.bytes;
-            let unshadowed = if settings.technique.has_negative_photons() { scene.lights.len() as u32 } else { 0 };
-            let shown = ShownMap { map: &map, step: photons.step, shrink: 1.0, unshadowed, shell: Shell::ALL };
-            show = Some(kernels.irradiance.bind_show(gpu, tile, gpu_scene, &shown)?);
-        }
-        totals.indirect = counts;
+        let map = kernels.grid.sort(shared.gpu, &photons.photons, photons.count, 1, shape)?;
+        let irradiance =
+            paths.then(|| precompute_irradiance(shared, kernels, flux, &map, photons.step, totals)).transpose()?;
+        let shown = settings.technique.shows_map();
+        let show = shown.then(|| bind_show(shared, kernels, settings, &map, photons.step, totals)).transpose()?;
         Ok(GlobalMap { irradiance, show })
     }
 
@@ -125,4 +94,68 @@ impl GlobalMap {
             show.record(frame, tile);
         }
     }
+}
+
+/// How the photons of the map are traced.
+fn flux_settings(settings: &Settings) -> FluxSettings {
+    let indirect = &settings.indirect;
+    // A look-up happens after one bounce, unless the map is shown.
+    let max_bounces =
+        if settings.technique.shows_map() { indirect.max_bounces } else { indirect.max_bounces.saturating_sub(1) };
+    let rays = settings.flux_photons();
+    // The gather rays of an irradiance record end in several maps, whose numbers of photons differ. A seed for each
+    // number makes these maps independent. The factor keeps the seeds far from those of users who count theirs up.
+    let seed = settings.image.seed.wrapping_add(rays.wrapping_mul(0x9e37_79b9));
+    FluxSettings { rays, max_bounces, seed, caustics_only: false }
+}
+
+/// Traces photons, and counts them.
+fn trace(
+    shared: &Shared<'_>,
+    kernels: &GlobalMapKernels,
+    flux: FluxSettings,
+    totals: &mut Totals,
+) -> Result<FluxPhotons> {
+    let Shared { gpu, gpu_scene, .. } = *shared;
+    let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, flux)?;
+    count_flux_photons(&traced, totals);
+    Ok(traced)
+}
+
+/// Estimates the irradiance at irradiance points from the sorted photons `map`, which were traced with the settings
+/// `flux`. Irradiance points are the positions of further photons, which lie where light arrives.
+fn precompute_irradiance(
+    shared: &Shared<'_>,
+    kernels: &GlobalMapKernels,
+    flux: FluxSettings,
+    map: &SortedPhotons,
+    step: f64,
+    totals: &mut Totals,
+) -> Result<IrradianceMap> {
+    let Shared { gpu, scene, gpu_scene, .. } = *shared;
+    let rays = flux.rays.div_ceil(RAYS_PER_IRRADIANCE_POINT_RAY);
+    let points = trace(shared, kernels, FluxSettings { rays, seed: !flux.seed, ..flux }, totals)?;
+    let shape = irradiance_point_grid(extent(scene), points.count);
+    let points = kernels.grid.sort(gpu, &points.photons, points.count, 1, shape)?;
+    let precomputed = kernels.irradiance.precompute(gpu, gpu_scene, map, points, step)?;
+    totals.indirect.points = u64::from(precomputed.points.count);
+    totals.indirect_bytes += precomputed.bytes;
+    totals.count(Counter::NotFiniteIrradiance, precomputed.not_finite);
+    Ok(precomputed)
+}
+
+/// Binds the pass that shows the map at the points of a tile.
+fn bind_show(
+    shared: &Shared<'_>,
+    kernels: &GlobalMapKernels,
+    settings: &Settings,
+    map: &SortedPhotons,
+    step: f64,
+    totals: &mut Totals,
+) -> Result<BoundShow> {
+    let Shared { gpu, scene, gpu_scene, tile } = *shared;
+    totals.indirect_bytes += map.bytes;
+    let unshadowed = if settings.technique.has_negative_photons() { scene.lights.len() as u32 } else { 0 };
+    let shown = ShownMap { map, step, shrink: 1.0, unshadowed, shell: Shell::ALL };
+    kernels.irradiance.bind_show(gpu, tile, gpu_scene, &shown)
 }

@@ -66,9 +66,10 @@ pub(super) fn is_on_trial(specialisation: &Specialisation, settings: &Settings) 
     specialisation.features.has(Feature::FineCells) && settings.tries_photons()
 }
 
-/// The specialisation of the first sample, and that of later samples if photons pay off: `None` if photons are emitted
-/// in any case or never. `settings` are those of the specialisation.
-pub(super) fn of_first_sample(
+/// If photons are on trial, leaves them out of the first sample. Returns the specialisation of that sample, and the one
+/// with photons, which later samples have if photons pay off: `None` if photons are emitted in any case or never.
+/// `settings` are those of the specialisation.
+pub(super) fn postpone_photons(
     specialisation: Specialisation,
     scene: &Scene,
     camera: &Camera,

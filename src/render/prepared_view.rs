@@ -66,8 +66,8 @@ impl ViewOf<'_> {
             direct_kernels: direct,
             indirect_kernels: &indirect_kernels,
             primary: &primary,
-            view: camera,
-            camera: &CameraUniform::new(camera, settings.image.width, settings.image.height),
+            camera,
+            camera_uniform: &CameraUniform::new(camera, settings.image.width, settings.image.height),
             settings,
             indirect_settings: &settings_of_stage(settings, stage),
             points: tile_size.points,
@@ -95,7 +95,20 @@ pub(super) struct Kernels {
 }
 
 impl Kernels {
-    pub fn new(
+    /// Composes the kernels, and has the driver compile them. Returns the seconds that this took, too.
+    pub fn compile(
+        gpu: &Gpu,
+        specialisation: &Specialisation,
+        gpu_scene: &GpuScene,
+        settings: &Settings,
+    ) -> Result<(Kernels, f64)> {
+        let start = Instant::now();
+        let kernels = Kernels::new(gpu, specialisation, &gpu_scene.constants(), settings)?;
+        gpu.compile_ahead(gpu_scene)?;
+        Ok((kernels, start.elapsed().as_secs_f64()))
+    }
+
+    fn new(
         gpu: &Gpu,
         specialisation: &Specialisation,
         constants: &[(&str, f64)],

@@ -7,7 +7,7 @@ use kernel_kit::Gpu;
 
 use super::backup::Backup;
 use super::notes::notes;
-use super::photon_benefit::of_first_sample;
+use super::photon_benefit::postpone_photons;
 use super::pieces::PieceSums;
 use super::prepared_view::{Kernels, PreparedView, ViewOf};
 use super::sampling_state::SamplingState;
@@ -88,7 +88,7 @@ impl<'g> Renderer<'g> {
         settings: &Settings,
         forced: &[(Feature, bool)],
     ) -> Result<Renderer<'g>> {
-        Renderer::specialised(gpu, scene, camera, settings, settings.image.spp, forced)
+        Renderer::prepare(gpu, scene, camera, settings, settings.image.spp, forced)
     }
 
     /// Like [`Renderer::new`], but begins with a preview of `size`: see [`Renderer::preview`]. It has visibility
@@ -105,13 +105,13 @@ impl<'g> Renderer<'g> {
         [width, height]: [u32; 2],
     ) -> Result<Renderer<'g>> {
         let settings = settings.clone().with(|s| (s.image.width, s.image.height) = (width, height));
-        let mut renderer = Renderer::specialised(gpu, scene, camera, &settings, 1, &[])?;
+        let mut renderer = Renderer::prepare(gpu, scene, camera, &settings, 1, &[])?;
         (renderer.is_preview, renderer.has_other_views) = (true, true);
         Ok(renderer)
     }
 
-    /// The common part of the constructors, with the kernels of a render of `spp` samples per pixel.
-    fn specialised(
+    /// What the constructors have in common. Kernels are those for a render of `spp` samples per pixel.
+    fn prepare(
         gpu: &'g Gpu,
         mut scene: Scene,
         camera: &Camera,
@@ -127,32 +127,20 @@ impl<'g> Renderer<'g> {
             scene.expand_instances(settings.technique.name())?;
         }
         let bvh = build_hierarchy(&mut scene, &mut totals)?;
-        let of_spp = settings.clone().with(|s| s.image.spp = spp);
-        let mut specialisation = Specialisation::new(&scene, Some(camera), &of_spp);
-        specialisation.of_device(gpu, &scene, &bvh);
-        specialisation.of_largest_table(gpu, GpuScene::largest_table(&scene, &bvh, &specialisation.features));
-        // Before tables are made, and again after the lights have decided on features of their own.
-        specialisation.force(forced);
-        let size = [settings.image.width, settings.image.height];
-        let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &specialisation.features)?;
+        let settings_of_kernels = settings.clone().with(|s| s.image.spp = spp);
+        let (specialisation, gpu_scene) = upload(gpu, &scene, bvh, camera, &settings_of_kernels, forced)?;
         totals.scene_bytes = gpu_scene.bytes;
-        let facts: Vec<_> = gpu_scene.lights.lights.iter().map(LightInfo::facts).collect();
-        specialisation.of_packed_lights(&scene, &facts);
-        specialisation.force(forced);
         let (specialisation, with_photons) = match forced {
-            [] => of_first_sample(specialisation, &scene, camera, &of_spp),
+            [] => postpone_photons(specialisation, &scene, camera, &settings_of_kernels),
             _ => (specialisation, None),
         };
-
-        let start = Instant::now();
-        let kernels = Kernels::new(gpu, &specialisation, &gpu_scene.constants(), settings)?;
-        gpu.compile_ahead(&gpu_scene)?;
-        totals.time_compile = start.elapsed().as_secs_f64();
+        let (kernels, time_compile) = Kernels::compile(gpu, &specialisation, &gpu_scene, settings)?;
+        totals.time_compile = time_compile;
         let features = &specialisation.features;
         let inputs = ViewOf { gpu, scene: &scene, gpu_scene: &gpu_scene, features, camera, settings };
         let view = inputs.prepare(kernels, MadeMaps::default(), &mut totals)?;
 
-        // A piece does not count first: highlights are at nearly all points where there are glossy surfaces.
+        // A piece cannot count the points with highlights first. With glossy surfaces, nearly all points have one.
         let shade_at_once = settings.image.piece.is_some() && features.has(Feature::Glossy);
         let piece_sums = settings.image.piece.map(|piece| PieceSums::new(&view.buffers, &settings.image, piece));
         Ok(Renderer {
@@ -209,6 +197,28 @@ impl<'g> Renderer<'g> {
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
+}
+
+/// Decides what the kernels contain, and uploads the scene for them. The decision comes in two parts: which tables the
+/// scene has follows from the first, and the tables of lights decide on further features.
+fn upload(
+    gpu: &Gpu,
+    scene: &Scene,
+    bvh: Bvh,
+    camera: &Camera,
+    settings: &Settings,
+    forced: &[(Feature, bool)],
+) -> Result<(Specialisation, GpuScene)> {
+    let mut specialisation = Specialisation::new(scene, Some(camera), settings);
+    specialisation.decide_by_device(gpu, scene, &bvh);
+    specialisation.decide_on_layers(gpu, GpuScene::largest_table(scene, &bvh, &specialisation.features));
+    specialisation.force(forced);
+    let size = [settings.image.width, settings.image.height];
+    let gpu_scene = GpuScene::new(gpu, scene, bvh, camera, size, &specialisation.features)?;
+    let facts: Vec<_> = gpu_scene.lights.lights.iter().map(LightInfo::facts).collect();
+    specialisation.decide_on_packed_lights(scene, &facts);
+    specialisation.force(forced);
+    Ok((specialisation, gpu_scene))
 }
 
 /// Builds the BVH and puts the scene's triangles in its order.

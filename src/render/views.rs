@@ -1,9 +1,8 @@
 //! Other views of a scene that is being rendered: cameras that move, images of another size.
 
 use std::mem;
-use std::time::Instant;
 
-use super::photon_benefit::of_first_sample;
+use super::photon_benefit::postpone_photons;
 use super::prepared_view::{Kernels, ViewOf};
 use super::renderer::Renderer;
 use super::sampling_state::SamplingState;
@@ -63,15 +62,12 @@ impl Renderer<'_> {
         if !is_preview {
             let anew = Specialisation::new(&self.scene, Some(camera), &settings);
             let full = anew.with_deferred_of(&self.specialisation);
-            (self.specialisation, self.with_photons) = of_first_sample(full, &self.scene, camera, &settings);
+            (self.specialisation, self.with_photons) = postpone_photons(full, &self.scene, camera, &settings);
         } else {
             self.with_photons = None;
         }
         self.gpu_scene.set_camera(self.gpu, camera, [width, height]);
-        let start = Instant::now();
-        let kernels = Kernels::new(self.gpu, &self.specialisation, &self.gpu_scene.constants(), &settings)?;
-        self.gpu.compile_ahead(&self.gpu_scene)?;
-        let time_compile = start.elapsed().as_secs_f64();
+        let (kernels, time_compile) = Kernels::compile(self.gpu, &self.specialisation, &self.gpu_scene, &settings)?;
         let made = self.take_maps(photons == Some(settings.photons_per_light()), is_preview);
         let mut totals = self.totals.of_another_view();
         totals.time_compile += time_compile;

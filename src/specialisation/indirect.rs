@@ -10,11 +10,11 @@ use crate::settings::stages::{grows, settings_of_stages};
 use crate::specialisation::features::Feature;
 
 impl Specialisation {
-    pub(super) fn of_indirect_light(&mut self, scene: &Scene, settings: &Settings, m: &Facts) {
+    pub(super) fn decide_on_indirect_light(&mut self, scene: &Scene, settings: &Settings, m: &Facts) {
         let lit = is_lit(scene);
         let technique = settings.technique;
         // Without bounces, only the first ray of a path remains, for the highlights of lights that rays can hit.
-        let rays = self.of_bsdf_rays(scene, settings, m);
+        let rays = self.decide_on_bsdf_rays(scene, settings, m);
         let reflected = settings.indirect.max_bounces > 0 && m.reflecting > 0;
         let on = technique.is_two_pass() && lit && (reflected || rays);
         let why = match settings.indirect.max_bounces {
@@ -38,8 +38,8 @@ impl Specialisation {
         self.decide(Feature::Highlights, on && !reflected, why, unneeded, cost);
         let cached = bounces && settings.indirect.irradiance_cache.enabled;
         let stages = settings_of_stages(settings, cached && grows(settings));
-        self.of_global_map(settings, &stages, lit, bounces);
-        self.of_caustics(settings, m, lit, bounces);
+        self.decide_on_global_map(settings, &stages, lit, bounces);
+        self.decide_on_caustics(settings, m, lit, bounces);
         let unneeded =
             if bounces { "`indirect.irradiance_cache.enabled` is false" } else { "no bounces are requested" };
         let rays = span(stages.each_ref().map(Settings::gather_rays), |rays| rays.to_string());
@@ -52,7 +52,7 @@ impl Specialisation {
     }
 
     /// Decides whether rays sampled from the BSDF of visible points add to light points.
-    fn of_bsdf_rays(&mut self, scene: &Scene, settings: &Settings, m: &Facts) -> bool {
+    fn decide_on_bsdf_rays(&mut self, scene: &Scene, settings: &Settings, m: &Facts) -> bool {
         let separate = settings.technique.is_two_pass();
         let met = m.mesh_lights > 0 || scene.environment().is_some();
         let glossy = self.features.has(Feature::Glossy);
@@ -70,7 +70,7 @@ impl Specialisation {
     }
 
     /// `stages` are the settings of the first and of the last map; `bounces`: whether gathers and paths end in the map.
-    fn of_global_map(&mut self, settings: &Settings, stages: &[Settings; 2], lit: bool, bounces: bool) {
+    fn decide_on_global_map(&mut self, settings: &Settings, stages: &[Settings; 2], lit: bool, bounces: bool) {
         let shown = lit && settings.technique.shows_map();
         self.decide(
             Feature::PhotonMap,
@@ -90,7 +90,7 @@ impl Specialisation {
         self.decide(Feature::GlobalMap, shown || bounces, why, "no bounces are requested", &cost);
     }
 
-    fn of_caustics(&mut self, settings: &Settings, m: &Facts, lit: bool, bounces: bool) {
+    fn decide_on_caustics(&mut self, settings: &Settings, m: &Facts, lit: bool, bounces: bool) {
         let paths = settings.technique.is_path_tracing();
         let why = format!("{} like a mirror or clear glass", count(m.clear, "material", "materials"));
         let unneeded = match settings.indirect.max_bounces {

@@ -14,7 +14,7 @@ use crate::settings::{Aov, LightSampling, Settings};
 use crate::specialisation::features::Feature;
 
 impl Specialisation {
-    pub(super) fn of_lights(&mut self, scene: &Scene, m: &Facts) {
+    pub(super) fn decide_on_lights(&mut self, scene: &Scene, m: &Facts) {
         let some_lights = |n: usize| (n > 0, count(n, "light", "lights"));
         for (feature, number) in [
             (Feature::MeshLights, m.mesh_lights),
@@ -65,7 +65,7 @@ impl Specialisation {
         );
     }
 
-    pub(super) fn of_light_sampling(&mut self, scene: &Scene, settings: &Settings) {
+    pub(super) fn decide_on_light_sampling(&mut self, scene: &Scene, settings: &Settings) {
         let (sampling, why) = light_sampling(scene, settings);
         let few = !matches!(sampling, LightSampling::All) && !settings.technique.is_path_tracing();
         let cost = format!("pass sample_lights; {} B per point", 8 * settings.light_sampling.sampled_lights);
@@ -104,7 +104,7 @@ pub(crate) struct LightFacts {
 
 impl Specialisation {
     /// Decides what depends on the packed lights, which are those of the scene.
-    pub(crate) fn of_packed_lights(&mut self, scene: &Scene, lights: &[LightFacts]) {
+    pub(crate) fn decide_on_packed_lights(&mut self, scene: &Scene, lights: &[LightFacts]) {
         self.features.set(Feature::ClosedForms, lights.iter().any(|light| light.closed_form));
         self.features.set(Feature::SampledForms, lights.iter().any(|light| !light.closed_form));
         let boxes = boxes_by_material(scene);

@@ -42,18 +42,18 @@ impl Specialisation {
             left_out: Vec::new(),
         };
         let facts = Facts::new(scene);
-        specialisation.of_surfaces(scene, &facts);
-        specialisation.of_instances(scene, settings);
-        specialisation.of_lights(scene, &facts);
-        specialisation.of_light_sampling(scene, settings);
-        specialisation.of_visibility(scene, camera, settings);
-        specialisation.of_indirect_light(scene, settings, &facts);
-        specialisation.of_channels(scene, settings);
-        specialisation.of_lens(camera);
+        specialisation.decide_on_surfaces(scene, &facts);
+        specialisation.decide_on_instances(scene, settings);
+        specialisation.decide_on_lights(scene, &facts);
+        specialisation.decide_on_light_sampling(scene, settings);
+        specialisation.decide_on_visibility(scene, camera, settings);
+        specialisation.decide_on_indirect_light(scene, settings, &facts);
+        specialisation.decide_on_channels(scene, settings);
+        specialisation.decide_on_lens(camera);
         specialisation
     }
 
-    fn of_channels(&mut self, scene: &Scene, settings: &Settings) {
+    fn decide_on_channels(&mut self, scene: &Scene, settings: &Settings) {
         let crop = settings.image.crop_window();
         let pixels = u64::from(crop.width) * u64::from(crop.height);
         let aov = |aov: Aov| settings.image.aovs.contains(&aov);
@@ -100,7 +100,7 @@ impl Specialisation {
         self.traces_paths || self.features.has(Feature::GlobalMap)
     }
 
-    fn of_lens(&mut self, camera: Option<&Camera>) {
+    fn decide_on_lens(&mut self, camera: Option<&Camera>) {
         let why = "the camera has an iris".to_owned();
         let cost = "a point of the iris for every camera ray; 16 B per point";
         self.decide(
@@ -122,7 +122,7 @@ impl Specialisation {
     }
 
     /// Decides what depends on the device and the BVH. A plan opens no device and builds no BVH.
-    pub(crate) fn of_device(&mut self, gpu: &Gpu, scene: &Scene, bvh: &Bvh) {
+    pub(crate) fn decide_by_device(&mut self, gpu: &Gpu, scene: &Scene, bvh: &Bvh) {
         self.features = device_features(gpu, std::mem::take(&mut self.features));
         self.features.set(Feature::ShallowBvh, bvh.is_shallow());
         // Nodes for packets take more than twice as many texels: those of the largest BVHs do not fit a texture.
@@ -134,7 +134,7 @@ impl Specialisation {
     }
 
     /// Decides on tables in layers, by the records of the largest table that grows with the triangles.
-    pub(crate) fn of_largest_table(&mut self, gpu: &Gpu, records: usize) {
+    pub(crate) fn decide_on_layers(&mut self, gpu: &Gpu, records: usize) {
         self.features.set(Feature::LayeredTexels, records as u64 > gpu.max_table_records());
     }
 }

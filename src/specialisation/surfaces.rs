@@ -12,7 +12,7 @@ use crate::settings::Settings;
 use crate::specialisation::features::Feature;
 
 impl Specialisation {
-    pub(super) fn of_surfaces(&mut self, scene: &Scene, m: &Facts) {
+    pub(super) fn decide_on_surfaces(&mut self, scene: &Scene, m: &Facts) {
         let triangles = scene.triangles.len() as u64;
         let per_triangle = |bytes: u64| format!("{bytes} B per triangle, {} in all", bytes_text(bytes * triangles));
         let materials = |n: usize, what: &str| (n > 0, format!("{} {what}", count(n, "material", "materials")));
@@ -127,7 +127,7 @@ pub(super) struct Facts {
 
 impl Specialisation {
     /// The import decides which meshes are stored once, because their copies may not fit the host's memory.
-    pub(super) fn of_instances(&mut self, scene: &Scene, settings: &Settings) {
+    pub(super) fn decide_on_instances(&mut self, scene: &Scene, settings: &Settings) {
         let instances = scene.instances.len();
         let on = instances > 0 && Self::traces_instances(settings);
         let why = format!("{} of meshes that are stored once", count(instances, "instance", "instances"));

@@ -37,16 +37,16 @@ fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> b
 }
 
 impl Specialisation {
-    pub(super) fn of_visibility(&mut self, scene: &Scene, camera: Option<&Camera>, settings: &Settings) {
-        let mapped = self.of_visibility_map(scene, camera, settings);
+    pub(super) fn decide_on_visibility(&mut self, scene: &Scene, camera: Option<&Camera>, settings: &Settings) {
+        let mapped = self.decide_on_visibility_map(scene, camera, settings);
         let estimated = mapped && settings.technique.requirements().visibility == Visibility::PhotonsAlone;
-        self.of_estimated_visibility(scene, settings, estimated);
-        self.of_audits(settings, mapped, estimated);
-        self.of_shading();
+        self.decide_on_estimated_visibility(scene, settings, estimated);
+        self.decide_on_audits(settings, mapped, estimated);
+        self.decide_on_shading();
     }
 
     /// Decides on the visibility map, and on how its photons are counted. Returns whether there is a map.
-    fn of_visibility_map(&mut self, scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
+    fn decide_on_visibility_map(&mut self, scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
         let pays = photons_pay(scene, camera, settings);
         let map = settings.technique.uses_visibility_map();
         let placed = scene.placed_lights().len();
@@ -103,12 +103,12 @@ impl Specialisation {
             "cells decide: no point searches for its nearest photons",
             "a search for each boundary point",
         );
-        self.of_fine_cells(settings, wanted, shown);
+        self.decide_on_fine_cells(settings, wanted, shown);
         wanted
     }
 
     /// Decides on fine cells. `mapped`: there is a visibility map; `shown`: the image shows the classes by photons.
-    fn of_fine_cells(&mut self, settings: &Settings, mapped: bool, shown: bool) {
+    fn decide_on_fine_cells(&mut self, settings: &Settings, mapped: bool, shown: bool) {
         let unneeded = if !mapped {
             "photons classify no points"
         } else if shown {
@@ -133,7 +133,7 @@ impl Specialisation {
 
     /// Decides on the techniques that may estimate visibility without shadow rays: equation 1, cells, and adaptive
     /// shadow testing.
-    fn of_estimated_visibility(&mut self, scene: &Scene, settings: &Settings, estimated: bool) {
+    fn decide_on_estimated_visibility(&mut self, scene: &Scene, settings: &Settings, estimated: bool) {
         let visibility = settings.technique.requirements().visibility;
         let lit = is_lit(scene);
         let many = scene.lights.len() > MAX_LIGHTS as usize;
@@ -175,7 +175,7 @@ impl Specialisation {
         self.decide(Feature::Ward, ward, why, unneeded, "pass ward: a round per light; 4 B per point and light");
     }
 
-    fn of_audits(&mut self, settings: &Settings, mapped: bool, estimated: bool) {
+    fn decide_on_audits(&mut self, settings: &Settings, mapped: bool, estimated: bool) {
         let unneeded = match (mapped, estimated) {
             (true, true) => "the technique traces no shadow rays",
             (true, false) => "`visibility_map.audit` is 0: the result may be biased",
@@ -187,7 +187,7 @@ impl Specialisation {
     }
 
     /// Decides how points that photons or cells classify are shaded.
-    fn of_shading(&mut self) {
+    fn decide_on_shading(&mut self) {
         let decided = [Feature::VisibilityMap, Feature::Cells, Feature::LightBuffer].map(|f| self.features.has(f));
         let few = decided.contains(&true) && !self.features.has(Feature::LightSampling);
         let why = "most points are lit or shadowed: the others are queued".to_owned();
