@@ -96,8 +96,8 @@ impl Drop for Target {
 /// Shows from now on how many kernels the driver has compiled, where it has not compiled them before. Returns
 /// whether it has compiled any so far.
 pub fn show_compilation(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
-    let is_compiled = Arc::new(AtomicBool::new(false));
-    let compiles = is_compiled.clone();
+    let driver_compiles = Arc::new(AtomicBool::new(false));
+    let compiles = driver_compiles.clone();
     let shown: Mutex<Option<(Instant, Target)>> = Mutex::default();
     gpu.watch_compilation(move |compilation| {
         compiles.store(true, Ordering::Relaxed);
@@ -109,7 +109,7 @@ pub fn show_compilation(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
             *shown = None;
         }
     });
-    is_compiled
+    driver_compiles
 }
 
 impl Display {

@@ -31,21 +31,21 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let started = Instant::now();
     let interrupt = Interrupt::listen();
     arguments.check()?;
-    let (mut denoiser, no_denoiser) = arguments.denoiser();
+    let (mut denoiser, denoiser_error) = arguments.denoiser();
     let Inputs { mut subject, panorama, reference, mut gpu, import, start } = Inputs::load(arguments, &denoiser)?;
     let checkpoint = arguments.read_checkpoint()?;
 
     let mut notes = Notes::new(arguments.quiet);
     notes.say(arguments.note_on_checkpoint(checkpoint.as_ref()).as_slice());
     notes.say(&subject.scene.notes);
-    if let Some(problem) = &no_denoiser {
+    if let Some(problem) = &denoiser_error {
         notes.say(&[format!("{}; the image stays raw", with_flags(&problem.to_string()))]);
     }
 
-    let is_compiled = prepare_device(&gpu, arguments.quiet);
+    let driver_compiles = prepare_device(&gpu, arguments.quiet);
     let sampling = fit_denoiser(arguments, &gpu, &subject.settings, &mut denoiser, &mut notes);
     let times = Times { started, import, start, sampling };
-    let first_sample = choose_technique(arguments, &gpu, &mut subject, &times, is_compiled, &mut notes);
+    let first_sample = choose_technique(arguments, &gpu, &mut subject, &times, driver_compiles, &mut notes);
 
     let spp = subject.settings.image.range().count();
     let mut session = Session::new(arguments, &denoiser, interrupt, times, spp, first_sample, notes);
@@ -55,7 +55,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         let image = session.render_subject(&mut gpu, &subject, checkpoint)?;
         print_error(&image, reference.as_ref())?;
     }
-    end(session.stopped, no_denoiser)
+    end(session.stopped, denoiser_error)
 }
 
 /// Prints the error of an image against its reference, if there is one.
@@ -69,9 +69,9 @@ fn print_error(image: &Image, reference: Option<&Reference>) -> Result<()> {
 }
 
 /// The result of a render whose images are written.
-fn end(stopped: bool, no_denoiser: Option<Error>) -> Result<Ending> {
+fn end(stopped: bool, denoiser_error: Option<Error>) -> Result<Ending> {
     // The raw image is written, but the user requested a denoised one.
-    if let Some(problem) = no_denoiser {
+    if let Some(problem) = denoiser_error {
         return Err(problem);
     }
     Ok(if stopped { Ending::Stopped } else { Ending::Done })

@@ -36,8 +36,8 @@ pub struct Session<'a> {
     announced: bool,
     /// `None` after the first sample, and where its time would not show how fast the machine is.
     first_sample: Option<FirstSample>,
-    /// The time of the first sample over the expected time; stored once the image is written.
-    ratio: Option<(FirstSamples, f64)>,
+    /// What [`FirstSample::ratio`] returned; stored once the image is written.
+    first_sample_ratio: Option<(FirstSamples, f64)>,
     pub(super) notes: Notes,
     /// The render was stopped by a signal or a fault.
     pub(super) stopped: bool,
@@ -73,7 +73,7 @@ impl<'a> Session<'a> {
             spp,
             announced: false,
             first_sample,
-            ratio: None,
+            first_sample_ratio: None,
             notes,
             stopped: false,
             files: arguments.files(None),
@@ -190,7 +190,7 @@ impl<'a> Session<'a> {
             if let Some(first) = self.first_sample.take()
                 && progress.samples == 1
             {
-                self.ratio = first.ratio();
+                self.first_sample_ratio = first.ratio();
             }
             if self.interrupt.raised() {
                 return Ok(None);
@@ -243,8 +243,8 @@ impl<'a> Session<'a> {
             image.set_fingerprint(fingerprint.clone());
         }
         let written = self.files.write_images(&image, arguments.view, arguments.exposure, arguments.quiet);
-        if let Some((others, ratio)) = self.ratio.take() {
-            others.add(ratio);
+        if let Some((earlier, ratio)) = self.first_sample_ratio.take() {
+            earlier.add(ratio);
         }
         statistics.notes.clone_from(&self.notes.said);
         statistics.time.start = self.times.start;
@@ -255,7 +255,8 @@ impl<'a> Session<'a> {
     }
 }
 
-/// The result of a denoiser, apart from errors that lose the samples. If only its library fails, the raw image is safe.
+/// Separates errors that lose the samples (the outer result) from those of a denoiser's library (the inner one), after
+/// which the raw image can still be written.
 fn unless_lost<T>(outcome: Result<T>) -> Result<Result<T>> {
     match outcome {
         Err(problem @ Error::Input { .. }) => Ok(Err(problem)),

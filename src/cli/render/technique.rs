@@ -14,8 +14,8 @@ use super::notes::Notes;
 use super::times::Times;
 use crate::cli::first_samples::FirstSamples;
 
-/// Largest share of `--time` for denoising. A filter gains as much as many times the samples, and more where there are
-/// few.
+/// Largest share of `--time` for denoising: a filter removes as much error as many times the samples would, and most
+/// where samples are few.
 const DENOISED_SHARE: f64 = 0.5;
 
 /// Leaves out the denoisers that would take too much of `--time`, unless the user selects them. Returns the time that
@@ -40,33 +40,34 @@ pub fn fit_denoiser(
     arguments.time.map(|time| time.saturating_sub(denoising))
 }
 
-/// Chooses the technique and the distribution of samples where the user does not. `is_compiled` is set if the driver
-/// compiles kernels. Returns the first sample, if its time will show how fast the machine is.
+/// Chooses the technique and the distribution of samples where the user does not. `driver_compiles` is set once the
+/// driver compiles a kernel. Returns the first sample, if its time will show how fast the machine is.
 pub fn choose_technique(
     arguments: &Arguments,
     gpu: &Gpu,
     subject: &mut Subject,
     times: &Times,
-    is_compiled: Arc<AtomicBool>,
+    driver_compiles: Arc<AtomicBool>,
     notes: &mut Notes,
 ) -> Option<FirstSample> {
     if !arguments.settings.is_automatic() {
         return None;
     }
     let Subject { scene, camera, settings } = subject;
-    let others = FirstSamples::of(gpu);
-    // Frames that are complete are found again by their settings, which so must not follow a clock.
+    let earlier = FirstSamples::of(gpu);
+    // A sequence recognises its complete frames by their settings, so these must not depend on a clock.
     let is_sequence = arguments.sequence.first().is_some();
     let (elapsed, slowness) =
-        if is_sequence { (0.0, 1.0) } else { (times.started.elapsed().as_secs_f64(), others.slowness()) };
-    // An image with a checkpoint has the bits of one without a time.
+        if is_sequence { (0.0, 1.0) } else { (times.started.elapsed().as_secs_f64(), earlier.slowness()) };
+    // With a checkpoint, an image has the same bits whatever its time, so that it can be resumed.
     let limited = times.sampling.filter(|_| arguments.checkpoint.is_none());
     let within = limited.map(|time| time.as_secs_f64() - elapsed);
     let choice = Choice::new(gpu, scene, camera, settings, within, slowness);
     let Choice { technique, reason, sampling, first_sample: expected } = choice;
-    // Frames that are there already are passed over first, which takes time.
+    // A sequence first skips the frames that are complete, which takes time.
     let expected = expected.filter(|_| !is_sequence);
-    let first_sample = expected.map(|expected| FirstSample { expected, others, begun: Instant::now(), is_compiled });
+    let first_sample =
+        expected.map(|expected| FirstSample { expected, earlier, begun: Instant::now(), driver_compiles });
     settings.technique = technique;
     if arguments.settings.leaves_sampling() {
         settings.image.sampling = sampling;
@@ -81,18 +82,18 @@ pub fn choose_technique(
 pub struct FirstSample {
     /// Seconds.
     expected: f64,
-    /// The ratios of earlier renders.
-    others: FirstSamples,
+    /// The ratios of actual to expected time of earlier renders.
+    earlier: FirstSamples,
     begun: Instant,
-    /// The driver has compiled kernels meanwhile.
-    is_compiled: Arc<AtomicBool>,
+    /// Set if the driver has compiled kernels since.
+    driver_compiles: Arc<AtomicBool>,
 }
 
 impl FirstSample {
-    /// The ratios of earlier renders, and this one's: the time of the first sample over the expected time. `None` if
-    /// the driver has compiled kernels meanwhile.
+    /// The ratios of earlier renders, and that of this one: the time of its first sample over the expected time. `None`
+    /// if that time contains the compilation of kernels by the driver.
     pub fn ratio(self) -> Option<(FirstSamples, f64)> {
         let ratio = self.begun.elapsed().as_secs_f64() / self.expected;
-        (!self.is_compiled.load(Ordering::Relaxed)).then_some((self.others, ratio))
+        (!self.driver_compiles.load(Ordering::Relaxed)).then_some((self.earlier, ratio))
     }
 }
