@@ -51,7 +51,7 @@ enum Command {
     /// Open a window in which a scene renders while you look around
     #[cfg(feature = "view")]
     View(Box<view::Arguments>),
-    /// Print what the render of a scene needs, what is left out and why, without rendering it
+    /// Print which features a render of the scene would use and which it would leave out, and why; renders nothing
     Plan(Box<plan::Arguments>),
     /// List the Vulkan devices
     Devices(devices::Arguments),
@@ -59,11 +59,11 @@ enum Command {
     Compare(compare::Arguments),
     /// Image regression tests: render cases and compare them with their baselines
     Check(Box<check::Arguments>),
-    /// Compare techniques by their error over run time, against a reference
+    /// Compare techniques: plot their error over time, against a reference
     Report(Box<report::Arguments>),
-    /// Render the two scenes of the paper with its four techniques, and print its table 1 beside the measured one
+    /// Repeat table 1 of the paper: two scenes with four techniques, printed beside the figures of the paper
     Table1(table1::Arguments),
-    /// Render small scenes with extreme parameters, and print where the error exceeds its bound
+    /// Render small scenes with extreme parameters, and print where an error exceeds its bound
     Stress(stress::Arguments),
     /// Print the completion script for a shell
     Completions(shell::Completions),
@@ -153,7 +153,7 @@ fn say(line: impl Display) {
     let _ = writeln!(io::stderr(), "{}", with_flags(&line.to_string()));
 }
 
-/// Writes the result of a command to stdout. A reader that has seen enough (`| head`) is no error.
+/// Writes the result of a command to stdout. It is not an error if the reader stops reading (`| head`).
 fn print(text: &str) -> Result<()> {
     let mut stdout = io::stdout().lock();
     match stdout.write_all(with_flags(text).as_bytes()).and_then(|()| stdout.flush()) {

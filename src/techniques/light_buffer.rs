@@ -19,7 +19,7 @@ impl Technique {
     /// and Greenberg 1986).
     pub const LIGHT_BUFFER: Technique = Technique::new(&Description {
         name: "light-buffer",
-        help: "shadow rays only where lists of the surfaces around a light do not decide (Haines and Greenberg 1986)",
+        help: "shadow rays only where lists of the occluders around a light do not decide (Haines and Greenberg 1986)",
         source: "Haines and Greenberg 1986, The Light Buffer: A Shadow-Testing Accelerator",
         requirements: Requirements {
             transport: Transport::TwoPass,

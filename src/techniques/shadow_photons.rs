@@ -16,7 +16,7 @@ impl Technique {
     /// The two-pass method with shadow rays only where photons do not decide. The default.
     pub const SHADOW_PHOTONS: Technique = Technique::new(&Description {
         name: "shadow-photons",
-        help: "shadow rays only where the photons do not decide",
+        help: "as two-pass, with shadow rays only at shadow boundaries, which photons find",
         source: "Jensen and Christensen 1995, figures 2 and 3, lower left",
         requirements: Requirements {
             transport: Transport::TwoPass,

@@ -12,7 +12,7 @@ impl Technique {
     /// The two-pass method with all shadow rays.
     pub const TWO_PASS: Technique = Technique::new(&Description {
         name: "two-pass",
-        help: "the two-pass method with all shadow rays",
+        help: "photon map, final gather and irradiance cache, with shadow rays from all points",
         source: "Jensen and Christensen 1995, figures 2 and 3, upper right",
         requirements: Requirements {
             transport: Transport::TwoPass,

@@ -13,7 +13,7 @@ impl Technique {
     /// No shadow rays: visibility n_i / (n_s + n_i), equation 1 of the paper.
     pub const VISIBILITY_ESTIMATE: Technique = Technique::new(&Description {
         name: "visibility-estimate",
-        help: "no shadow rays: visibility estimated from the photons (equation 1 of the paper)",
+        help: "as two-pass, without shadow rays: visibility is estimated from photons (equation 1 of the paper)",
         source: "Jensen and Christensen 1995, equation 1, and figures 2 and 3, lower right",
         requirements: Requirements {
             transport: Transport::TwoPass,

@@ -117,14 +117,15 @@ pub struct SceneOptions {
     #[arg(long, help_heading = "Scene")]
     default_light: bool,
 
-    /// Drop primitives with NaN or infinite numbers, and textures whose image is missing or damaged, and read textures
-    /// at 0, 0 where a primitive lacks coordinates, instead of refusing the file; replace values of a panorama that are
-    /// negative or not finite with 0
+    /// Accept files with certain faults instead of refusing them: drop primitives with NaN or infinite numbers; drop
+    /// textures whose image is missing or damaged; read textures at 0, 0 where a primitive lacks texture coordinates;
+    /// replace negative, NaN or infinite values of a panorama by 0
     #[arg(long, help_heading = "Scene")]
     lenient: bool,
 
-    /// Show an animation at this time after its beginning: nodes, skins, morph targets, cameras, lights and materials.
-    /// The animation stands still before its first key and after its last one [default: the pose of the file]
+    /// Pose the scene at this time after the beginning of an animation, with its nodes, skins, morph targets, cameras,
+    /// lights and materials. An animation stands still before its first key and after its last one [default: the pose
+    /// of the file]
     #[arg(
         long,
         value_name = "SECONDS",
@@ -139,11 +140,11 @@ pub struct SceneOptions {
     #[arg(long, value_name = "NAME|INDEX", requires = "moment", help_heading = "Scene")]
     animation: Option<String>,
 
-    /// Begin the animation again after its last key
+    /// Repeat the animation after its last key
     #[arg(long = "loop", requires = "moment", help_heading = "Scene")]
     repeat: bool,
 
-    /// Variant of the materials (KHR_materials_variants) [default: none of them]
+    /// Material variant to use (KHR_materials_variants) [default: none]
     #[arg(long, value_name = "NAME", help_heading = "Scene")]
     variant: Option<String>,
 
@@ -164,7 +165,7 @@ pub struct SceneOptions {
     )]
     environment_rotation: f64,
 
-    /// Factor on the panorama's radiance
+    /// Multiply the radiance of the panorama by this factor
     #[arg(
         long,
         value_name = "X",

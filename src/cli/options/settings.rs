@@ -17,7 +17,7 @@ pub struct ExtentOptions {
 
     /// Render a piece of the image: samples A to B - 1 of the --spp samples of every pixel. `penumbra merge` joins the
     /// pieces. On devices of one kind, the merged image has the same bits as --samples 0..SPP in one process, however
-    /// the samples are split and the image is cropped. In a piece no sample learns from others
+    /// the samples are split and the image is cropped. Samples of a piece do not reuse results of other samples
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     samples: Option<SampleRange>,
 }
@@ -44,7 +44,7 @@ pub struct RenderOptions {
     )]
     pub spp: Option<u32>,
 
-    /// How samples are distributed over the pixels; --noise has a rule of its own [default: uniform; with --time, but
+    /// How samples are distributed over the pixels, unless --noise decides it [default: uniform; with --time, but
     /// without --technique and --checkpoint, adaptive on a software device if the time is enough for several samples]
     #[arg(long, value_name = "SAMPLING", value_parser = samplings())]
     sampling: Option<Sampling>,
@@ -147,7 +147,7 @@ pub struct SettingsOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().image.seed)]
     seed: u32,
 
-    /// Factor on the power of every light
+    /// Multiply the power of every light by this factor
     #[arg(long, value_name = "X", default_value_t = Settings::default().light_scale)]
     light_scale: f32,
 
@@ -221,13 +221,14 @@ struct IndirectOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.max_bounces)]
     max_bounces: u32,
 
-    /// Photons emitted for the global map, from all lights together, for the first 24 samples per pixel; more follow.
-    /// By default 4096 for the first sample, and then 256 times the gather rays of a record
+    /// Photons emitted for the global photon map, by all lights together. This is the number for the first 24 samples
+    /// per pixel; it grows with the samples after that [default: 4096 for the first sample, then 256 times the number
+    /// of gather rays of a record]
     #[arg(long, value_name = "N")]
     flux_photons: Option<u32>,
 
-    /// Limit the indirect light of each path to this radiance, which removes fireflies but biases the image. Light
-    /// that points take from irradiance records and from the caustic map is not limited
+    /// Limit the indirect light of each path to this radiance, which removes fireflies but biases the image. Light from
+    /// the irradiance cache and from the caustic map is not limited
     #[arg(long, value_name = "RADIANCE")]
     clamp: Option<f32>,
 
@@ -236,9 +237,9 @@ struct IndirectOptions {
     #[arg(long, value_name = "A", default_value_t = Settings::default().indirect.irradiance_cache.accuracy)]
     accuracy: f32,
 
-    /// Gather rays per irradiance record, rounded up to a power of two, for the first 24 samples per pixel; more
-    /// follow. By default 16 for the first sample, and then up to 4096, as long as they reduce the error more than
-    /// samples would
+    /// Final gather rays of each irradiance record, rounded up to a power of two. This is the number for the first 24
+    /// samples per pixel; it grows with the samples after that [default: 16 for the first sample, then up to 4096, as
+    /// long as more rays reduce the error more than more samples would]
     #[arg(long, value_name = "N")]
     gather_rays: Option<u32>,
 
@@ -269,7 +270,8 @@ struct VisibilityMapOptions {
     #[arg(long, value_name = "N")]
     photons: Option<u32>,
 
-    /// Nearest photons that classify a point (k of the paper)
+    /// Number of nearest photons that decide whether a point is lit, in shadow, or at a shadow boundary (k in the
+    /// paper)
     #[arg(long, value_name = "K", default_value_t = Settings::default().visibility_map.nearest)]
     nearest: u32,
 
@@ -277,17 +279,19 @@ struct VisibilityMapOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().visibility_map.shadow_photons_per_ray)]
     shadow_photons_per_ray: u32,
 
-    /// Light points sampled at a boundary point, each with a shadow ray; point, spot and directional lights have one
+    /// Shadow rays from a point to each light, to different positions on the light; point, spot and directional lights
+    /// get one
     #[arg(long, value_name = "N", default_value_t = Settings::default().shadow_rays.samples)]
     shadow_samples: u32,
 
-    /// Pixels by which boundaries are widened, 0 or 1 [default: 1 for lights with wide penumbrae, or where audits find
-    /// many mistakes near boundaries; else 0]
+    /// Widen shadow boundaries by this number of pixels, 0 or 1 [default: 1 for lights with wide penumbrae, or where
+    /// audits find many mistakes near boundaries; else 0]
     #[arg(long, value_name = "PIXELS")]
     dilate: Option<u32>,
 
-    /// Minimum probability that a lit or shadowed point still traces a shadow ray, which keeps the image unbiased; the
-    /// probability rises where such rays find mistakes. 0 is the paper's method, which is biased
+    /// Minimum probability of an audit: a shadow ray from a point that photons classify as lit or in shadow. Audits
+    /// keep the image unbiased, and become more frequent where they find mistakes. 0 is the paper's method, which is
+    /// biased
     #[arg(long, value_name = "P", default_value_t = Settings::default().visibility_map.audit)]
     audit: f32,
 
@@ -295,7 +299,7 @@ struct VisibilityMapOptions {
     #[arg(long)]
     paper_counting: bool,
 
-    /// Let photons alone decide, without the shadow rays of earlier samples
+    /// Classify points by photons alone, without the results of earlier shadow rays
     #[arg(long)]
     no_fine_cells: bool,
 }
@@ -323,7 +327,7 @@ struct LightSamplingOptions {
     #[arg(long, value_name = "STRATEGY", value_parser = light_samplings())]
     light_sampling: Option<LightSampling>,
 
-    /// Lights sampled at a point, unless all are used
+    /// Number of lights sampled at a point, unless --light-sampling is all
     #[arg(long, value_name = "N", default_value_t = Settings::default().light_sampling.sampled_lights)]
     sampled_lights: u32,
 }
@@ -351,8 +355,8 @@ struct EarlierOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().light_buffer.resolution)]
     light_buffer_cells: u32,
 
-    /// Share of a point's light below which the remaining lights trace no shadow rays and their visibility is
-    /// estimated, for ward-adaptive; 0 tests all lights
+    /// For ward-adaptive: no shadow rays are traced to the least important lights of a point, which together contribute
+    /// less than this share of its light; their visibility is estimated. 0 tests all lights
     #[arg(long, value_name = "X", default_value_t = Settings::default().ward.tolerance)]
     shadow_tolerance: f32,
 }

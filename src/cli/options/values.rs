@@ -18,7 +18,7 @@ pub struct TechniqueChoice(pub Option<Technique>);
 
 /// One of the techniques, by name, or `auto`.
 pub fn technique_or_auto() -> impl TypedValueParser<Value = TechniqueChoice> {
-    let help = "shadow-photons, or path if the time is too short for photons";
+    let help = "shadow-photons, or path if --time is too short for photons";
     let auto = PossibleValue::new("auto").help(help);
     PossibleValuesParser::new(std::iter::once(auto).chain(Technique::all().map(possible)))
         .map(|name| TechniqueChoice(name.parse().ok()))

@@ -32,9 +32,9 @@ pub struct Arguments {
     #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite::<f32>, help_heading = "Output")]
     pub exposure: f32,
 
-    /// Remove noise: a .png shows the denoised image; an .exr keeps the raw image, and has the denoised one beside it
-    /// as denoised.R, denoised.G and denoised.B, with its estimated standard error as the channel error [default: auto
-    /// if an output is .png, else none]. With --samples, the .exr instead keeps what `penumbra merge --denoise` needs
+    /// Remove noise. A .png shows the denoised image. An .exr keeps the raw image in R, G and B, and has the denoised
+    /// one in denoised.R, denoised.G and denoised.B and its estimated standard error in error [default: auto if an
+    /// output is .png, else none]. With --samples, the .exr instead keeps what `penumbra merge --denoise` needs
     #[arg(long, value_name = "DENOISER", value_parser = denoisers(), help_heading = "Output")]
     pub denoise: Option<Denoise>,
 
@@ -71,15 +71,15 @@ pub struct Arguments {
     #[command(flatten)]
     pub extent: ExtentOptions,
 
-    /// Finish within this time, including reading, denoising and writing, unless it is too short for one sample; --spp
-    /// is then only an upper limit, and there is none by default
+    /// Finish within this time, including reading, denoising and writing, unless it is too short for one sample. --spp
+    /// is then only an upper limit; by default the number of samples is not limited
     #[arg(long, value_name = "SECONDS", value_parser = time_budget, help_heading = "Image")]
     pub time: Option<Duration>,
 
-    /// Render until the estimated relMSE of every block of 8 x 8 pixels is T or less: samples go where the image is
-    /// noisiest; with --denoise, where the denoised image is. The estimate comes from the samples and from audits; it
-    /// does not include the error of the photon map of indirect light, which all samples share. --spp is then only an
-    /// upper limit for each pixel, and there is none by default
+    /// Render until the estimated relMSE (squared error relative to the brightness) of every block of 8 x 8 pixels is T
+    /// or less: samples go where the image is noisiest; with --denoise, where the denoised image is. The estimate
+    /// leaves out the error of indirect light that all samples share. --spp is then only an upper limit for each pixel;
+    /// by default the number of samples is not limited
     #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
     pub noise: Option<f64>,
 
