@@ -32,8 +32,8 @@ const ROUNDS: usize = 5;
 const SIDE: u32 = 160;
 const SPP: u32 = 8;
 
-/// Features, and passes, that the page names as the dearest.
-const DEAREST: usize = 5;
+/// Number of features, and of passes, that the page names as the most expensive.
+const LISTED: usize = 5;
 
 /// A switch of each feature that is forced.
 type Switches = [(Feature, bool)];
@@ -209,7 +209,7 @@ fn quoted<'a>(features: impl IntoIterator<Item = &'a Feature>) -> String {
     features.into_iter().map(|feature| format!("`{}`", feature.name())).collect::<Vec<_>>().join(", ")
 }
 
-/// The last parts of the names that one render has and another has not, each once.
+/// The last parts of the names that one render has and another lacks, each once.
 fn more(after: &BTreeSet<String>, before: &BTreeSet<String>) -> String {
     let last = |name: &String| name.split('/').next_back().map(|last| format!("`{last}`"));
     let more: BTreeSet<String> = after.difference(before).filter_map(last).collect();
@@ -227,11 +227,11 @@ fn introduction(gpu: &Gpu, all: &Cost) -> String {
          Each row is the same render with one feature more, which the box does not need, over the render without\n\
          it. Where a feature comes only beside others, both renders have these. *Time* is that of the render, with\n\
          photons and irradiance records; *passes* is the part of it that the device counts, and the rest is the\n\
-         host's. Both are ratios of medians of {ROUNDS} renders in turn; where they are below 1, they tell how\n\
-         uncertain a row is. *Memory* is what wgpu has allocated on the device at the end. *Instructions* are the\n\
-         statements and the evaluated expressions of all kernels that ran, as naga parses them: no driver has a\n\
-         say in them. *Compile* is the time to compose and compile all kernels, with the driver's cache warm.\n\
-         *Image* is how values of R, G and B differ, relative to themselves or to a tenth of the mean.\n\n\
+         host's. Both are ratios of medians of {ROUNDS} renders in turn; values below 1 show how uncertain a\n\
+         row is. *Memory* is what wgpu has allocated on the device at the end. *Instructions* are the\n\
+         statements and the evaluated expressions of all kernels that ran, as naga parses them, before any\n\
+         driver optimises them. *Compile* is the time to compose and compile all kernels, with the driver's cache\n\
+         warm. *Image* is how values of R, G and B differ, relative to themselves or to a tenth of the mean.\n\n\
          | feature | time | passes | memory | instructions | compile | image |\n\
          | --- | ---: | ---: | ---: | ---: | ---: | --- |\n",
         gpu.info.name,
@@ -274,14 +274,14 @@ fn findings(costs: &[(String, Cost)], all: &Cost, renders: &[Render; 2], togethe
     let Together { direct, uncached, unlayered } = together;
     let share = |both: [f64; 2]| both[0] / both[1];
     let ratio = |cost: &Cost| cost.passes[1] / cost.passes[0];
-    let mut dearest: Vec<_> = costs.iter().collect();
-    dearest.sort_by(|a, b| ratio(&b.1).total_cmp(&ratio(&a.1)));
-    let dearest = dearest[..DEAREST].iter().map(|(name, cost)| format!("{name} ({:.2})", ratio(cost)));
+    let mut costly: Vec<_> = costs.iter().collect();
+    costly.sort_by(|a, b| ratio(&b.1).total_cmp(&ratio(&a.1)));
+    let costly = costly[..LISTED].iter().map(|(name, cost)| format!("{name} ({:.2})", ratio(cost)));
     let [before, after] = renders;
     let own = |pass: &str| before.passes.get(pass).copied().unwrap_or(0.0);
     let mut grown: Vec<_> = after.passes.iter().map(|(pass, seconds)| (pass, own(pass), *seconds)).collect();
     grown.sort_by(|a, b| (b.2 - b.1).total_cmp(&(a.2 - a.1)));
-    let grown = grown[..DEAREST].iter();
+    let grown = grown[..LISTED].iter();
     let grown = grown.map(|(pass, own, all)| format!("`{pass}` (from {:.0} to {:.0} ms)", 1000.0 * own, 1000.0 * all));
     format!(
         "\nThe box takes {:.2} of the time, {:.2} of the time of passes, {:.2} of the memory, {:.2} of the\n\
@@ -289,11 +289,11 @@ fn findings(costs: &[(String, Cost)], all: &Cost, renders: &[Render; 2], togethe
          of the box with all but `layered_texels`.\n\n\
          All of them together change the image by up to {} with direct light alone (`--max-bounces 0`), and by up\n\
          to {} with all light but without irradiance records (`--no-cache`). Records amplify roundings.\n\
-         {} round the rays themselves in another way.\n\n\
-         The dearest by passes: {}.\n\n\
+         {} change the rounding of the rays themselves.\n\n\
+         The features whose passes cost most: {}.\n\n\
          With all features together, these passes grow most: {}.\n\n\
-         A feature is of the whole scene: one material that needs it puts its code into the kernels for all\n\
-         surfaces, and its vectors into the surface of every point.\n",
+         Features are decided for the whole scene: if one material needs a feature, its code is in the kernels for\n\
+         all surfaces, and its vectors are in the surface of every point.\n",
         share(all.render),
         share(all.passes),
         all.bytes[0] as f64 / all.bytes[1] as f64,
@@ -303,18 +303,18 @@ fn findings(costs: &[(String, Cost)], all: &Cost, renders: &[Render; 2], togethe
         direct.text(),
         uncached.text(),
         quoted(&OTHER_RAYS).replace(", ", " and "),
-        dearest.collect::<Vec<_>>().join(", "),
+        costly.collect::<Vec<_>>().join(", "),
         grown.collect::<Vec<_>>().join(", "),
     )
 }
 
-/// What one render has and another has not, besides code.
+/// What one render has and another lacks, besides code.
 fn rest([without, with]: &[Render; 2]) -> Result<String> {
     let labels = |render: &Render| render.passes.keys().cloned().collect();
     let [own, forced] = [contents(without)?.bindings, contents(with)?.bindings];
     let mut text = format!(
         "\n## What else is left out\n\n\
-         | | the box | with all of the features | names of those more |\n\
+         | | the box | with all of the features | names of the additional ones |\n\
          | --- | ---: | ---: | --- |\n\
          | passes | {} | {} | {} |\n\
          | bindings of kernels | {} | {} | {} |\n\

@@ -89,9 +89,9 @@ pub const UNNEEDED: &[Unneeded] = &[
 
 /// The features that are not forced on the box, and why.
 pub const NOT_FORCED: &[(&[Feature], &str)] = &[
-    (&[Feature::Instances], "needs a hierarchy over instances, which the box has not"),
+    (&[Feature::Instances], "needs a hierarchy over instances, which the box lacks"),
     (&[Feature::TextureLoads, Feature::Interleave, Feature::Packets], "depend on the device alone"),
-    (&[Feature::Environment], "needs the tables of a panorama, which the box has not"),
+    (&[Feature::Environment], "needs the tables of a panorama, which the box lacks"),
     (&[Feature::HiddenEnvironment], "leaves out code of `environment`"),
     (&[Feature::FarEmitters], "leaves out code of `many_emitters` and `emitter_pairs`"),
     (
