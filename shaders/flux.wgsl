@@ -13,6 +13,8 @@ import package::lib::bsdf::{bsdf_sample, leaving_normal};
 @if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::diffuse::diffuse_density;
 @if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::surface::seen_from;
 @if(caustics) import package::lib::bsdf::focuses;
+@if(caustics && alpha_test) import package::lib::alpha::alpha_coverage;
+@if(caustics && alpha_test) import package::lib::bvh::has_alpha_test;
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{in_any_lane, no_ray, trace_closest_together};
 import package::kit::group_index;
@@ -20,8 +22,8 @@ import package::lib::light::{flux_window, light_emit};
 import package::lib::math::{is_finite3, oct_encode7};
 @if(smooth_normals || normal_maps || coat_normals) import package::lib::math::{basis, safe_sqrt};
 import package::lib::photon::{Photon, flux_word};
-import package::lib::ray::{NO_HIT, Ray, RaySample, UNBOUNDED, offset_origin};
-@if(negative_photons) import package::lib::ray::Hit;
+import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, UNBOUNDED, offset_origin};
+@if(caustics && alpha_test && procedurals) import package::lib::procedural::is_procedural;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 @if(smooth_normals || normal_maps || coat_normals) import package::lib::sampling::sample_cosine;
 import package::lib::sampling::{sobol2, sobol4};
@@ -109,6 +111,16 @@ fn store_shadows(first: LightHit, is_active: bool, xi: f32, seed: u32, lane: u32
         if !in_any_lane(goes_on, lane) { break; }
     }
     return rays;
+}
+
+// The share of rays that the surface at a hit stops. A blended surface has photons of as large a share of its light.
+// For the global map, the probes of a disc measure this share; for the caustic map there are none, so its photons carry
+// 1 over the share.
+@if(caustics && alpha_test)
+fn stopped_share(hit: Hit) -> f32 {
+    @if(procedurals) { if is_procedural(hit.triangle) { return 1.0; } }
+    if !has_alpha_test(hit) { return 1.0; }
+    return alpha_coverage(hit.triangle, hit.u, hit.v);
 }
 
 // The light that emits a ray: the last light whose first ray does not come after it.
@@ -247,10 +259,11 @@ fn scatter(ray: ptr<function, FluxRay>, found: SurfaceHit, u: vec3f, xi: f32) ->
 }
 
 // Stores the photon of a ray that arrived at a surface. `u` samples the viewer that looks it up.
-fn store_arriving(ray: FluxRay, found: SurfaceHit, u: vec2f, xi: f32, kind: u32) {
+fn store_arriving(ray: FluxRay, hit: Hit, found: SurfaceHit, u: vec2f, xi: f32, kind: u32) {
     var flux = ray.flux;
     // With negative photons, direct light is that of the triangle.
     @if((smooth_normals || normal_maps) && !negative_photons) { flux *= arriving_ratio(found, u); }
+    @if(caustics && alpha_test) { if flux_pass.caustics_only == 1u { flux /= stopped_share(hit); } }
     store(found.triangle_position, found.triangle_normal, flux, xi, kind);
 }
 
@@ -258,6 +271,7 @@ fn store_arriving(ray: FluxRay, found: SurfaceHit, u: vec2f, xi: f32, kind: u32)
 // `xi` has a random number to round the flux and one for Russian roulette.
 fn store_and_scatter(
     ray: ptr<function, FluxRay>,
+    hit: Hit,
     found: SurfaceHit,
     bounce: u32,
     u: vec2f,
@@ -276,7 +290,7 @@ fn store_and_scatter(
             goes_on &= (*ray).focused;
         }
     }
-    if stores { store_arriving(*ray, found, u, xi.x, kind); }
+    if stores { store_arriving(*ray, hit, found, u, xi.x, kind); }
     let lobe = uniform_from_bits(hash2(bounce_seed, 4u));
     if goes_on { goes_on = scatter(ray, found, vec3f(u, lobe), xi.y); }
     return goes_on;
@@ -327,7 +341,7 @@ fn flux(
         if goes_on {
             // One Sobol sequence over all rays stratifies their bounces together, as it stratifies their emission.
             let u = sobol2(ray, hash3(seed, bounce, 3u));
-            goes_on = store_and_scatter(&leaving, found, bounce, u, xi, bounce_seed);
+            goes_on = store_and_scatter(&leaving, hit, found, bounce, u, xi, bounce_seed);
         }
         if !in_any_lane(goes_on, lane) { break; }
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::internal::scene::{LightKind, Material, Specular, Transmission};
+use penumbra::internal::scene::{AlphaMode, LightKind, Material, Specular, Transmission};
 use penumbra::{Aov, Image, Settings, Technique};
 
 use crate::meshes::{camera, cube, inside_out, panorama, scene, sphere, square, surface};
@@ -207,6 +207,29 @@ fn a_pane_transmits_what_it_does_not_reflect() {
     // noise.
     println!("{mean}, expected {expected}");
     assert!((mean / expected - 1.0).abs() < 0.03, "{mean}, expected {expected}");
+}
+
+/// A blended surface behind a pane has as much of the caustic map's light as an opaque one, times its alpha: this share
+/// of the camera's rays, and of the photons, stops there. Behind it there is nothing.
+#[test]
+fn blended_surfaces_have_their_share_of_caustics() {
+    let lamp = square(DVec3::Y * 0.8, DVec3::X * 0.02, DVec3::Z * 0.02);
+    let floor = square(DVec3::ZERO, DVec3::X, -DVec3::Z);
+    let pane = square(DVec3::Y * 0.4, DVec3::X, -DVec3::Z);
+    let view = camera(DVec3::new(0.0, 0.3, 0.0), DVec3::NEG_Y, 0.6);
+    let of = |opacity: f32| {
+        let blended = Material { alpha: AlphaMode::Blend, ..surface(0.5, 0.0) };
+        let blended = Material { base_colour: blended.base_colour.truncate().extend(opacity), ..blended };
+        let meshes = [(lamp.clone(), surface(0.0, 200.0)), (floor.clone(), blended), (pane.clone(), glass())];
+        let settings = settings(Technique::SHADOW_PHOTONS, [16, 16], 64, 2);
+        let (image, statistics) = render_scene(scene(&meshes, Vec::new()), &view, &settings);
+        assert!(statistics.indirect.caustics > 1000, "{:?}", statistics.indirect);
+        mean_and_error(&image, "G").0
+    };
+    let (opaque, blended) = (of(1.0), of(0.3));
+    println!("{opaque} opaque, {blended} blended");
+    // Two images with the noise of the test above, and 5,000 rays that stop at the blended floor: 1 % of noise.
+    assert!((blended / (0.3 * opaque) - 1.0).abs() < 0.05, "{opaque} opaque, {blended} blended");
 }
 
 /// A skylight of thin glass lets in sun and sky, although it stops shadow rays and the photons of the visibility map.
