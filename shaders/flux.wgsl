@@ -9,9 +9,11 @@
 
 import package::lib::bsdf::{bsdf_sample, leaving_normal};
 @if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::{bsdf_evaluate, bsdf_pdf};
-@if((smooth_normals || normal_maps || coat_normals) && transmission) import package::lib::bsdf::bsdf_passes;
 @if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::diffuse::diffuse_density;
 @if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::surface::seen_from;
+@if((smooth_normals || normal_maps || coat_normals) && transmission) import package::lib::bsdf::surface::{
+    passes_light, seen_through,
+};
 @if(caustics) import package::lib::bsdf::focuses;
 @if(caustics && alpha_test) import package::lib::alpha::alpha_coverage;
 @if(caustics && alpha_test) import package::lib::bvh::has_alpha_test;
@@ -212,33 +214,30 @@ fn scattered_by(found: SurfaceHit, u: vec3f) -> Scattered {
         let light_cosine = dot(s.view, found.triangle_normal);
         // Viewers behind the shading normal see it bent towards them. `bsdf_sample` has no directions there, so this
         // part of the samples is from all directions above the triangle: the sine of half the angle by which the
-        // normal differs. The directions behind it have a share of its square, so that no weight is large.
+        // normal differs. The directions behind it have a share of its square, so that no weight is large. Of a
+        // surface that transmits light, half of the part is below the triangle.
         let share = safe_sqrt(0.5 - 0.5 * dot(s.shading_normal, found.triangle_normal));
+        var sides = 1.0;
+        @if(transmission) { sides = select(1.0, 2.0, passes_light(s)); }
         var direction: vec3f;
         var pdf: f32;
         if u.z < share {
             direction = above_triangle(found, u.xy);
+            @if(transmission) { if u.z * sides >= share { direction = -direction; } }
             pdf = bsdf_pdf(s, direction);
         } else {
             let sampled = bsdf_sample(s, vec3f(u.xy, (u.z - share) / (1.0 - share)));
             if sampled.pdf <= 0.0 { return Scattered(); }
             direction = sampled.direction;
             pdf = sampled.pdf;
-            @if(transmission) {
-                if bsdf_passes(s, direction) {
-                    let view_cosine = abs(dot(direction, found.triangle_normal));
-                    let arriving = min(dot(s.view, s.shading_normal) / light_cosine, MAX_WEIGHT);
-                    let leaving = min(view_cosine / abs(dot(direction, s.shading_normal)), MAX_WEIGHT);
-                    let weight = sampled.weight / (sampled.concentration * (1.0 - share));
-                    return Scattered(direction, weight * (arriving * leaving));
-                }
-            }
         }
-        let view_cosine = dot(direction, found.triangle_normal);
-        if view_cosine <= 0.0 { return Scattered(); }
-        let density = mix(pdf, diffuse_density(view_cosine), share);
-        let value = bsdf_evaluate(seen_from(s, direction), s.view);
-        return Scattered(direction, min(value * (view_cosine / (light_cosine * density)), vec3f(MAX_WEIGHT)));
+        let height = dot(direction, found.triangle_normal);
+        if height == 0.0 || (sides == 1.0 && height < 0.0) { return Scattered(); }
+        let density = mix(pdf, diffuse_density(abs(height)) / sides, share);
+        var seen = seen_from(s, direction);
+        @if(transmission) { if height < 0.0 { seen = seen_through(s, direction); } }
+        let value = bsdf_evaluate(seen, s.view);
+        return Scattered(direction, min(value * (abs(height) / (light_cosine * density)), vec3f(MAX_WEIGHT)));
     }
 }
 

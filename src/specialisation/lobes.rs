@@ -35,7 +35,8 @@ pub(crate) struct LobeFeature {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum LobeRole {
     /// It takes light from the diffuse base, and lets it pass or reflects it in its own way: `NAME_base`, the albedo
-    /// that it leaves, and `NAME_blocked`, the lobe of unlit materials. `bsdf.wgsl` evaluates it.
+    /// that it leaves, `NAME_blocked`, the lobe of unlit materials, and `NAME_turned`, the lobe from the other side.
+    /// `bsdf.wgsl` evaluates it.
     Base,
     /// It changes the reflectance of the microfacets: `NAME_reflectance`, `NAME_kept` and `NAME_through`.
     Film,
@@ -46,7 +47,7 @@ pub(crate) enum LobeRole {
     WideLayer,
     /// A layer of other microfacets, above all wide layers and with a normal of its own: `NAME_through`, `NAME_value`,
     /// `NAME_chance`, `NAME_has_normal`, `NAME_axes`, `NAME_pair`, `NAME_faces`, `NAME_max_density`,
-    /// `NAME_seen_afar` and `NAME_seen_from`.
+    /// `NAME_seen_afar`, `NAME_seen_from` and `NAME_turned`.
     GlossyLayer,
 }
 

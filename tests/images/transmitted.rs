@@ -107,6 +107,39 @@ fn leaves_light_the_floor_below() {
     assert!(mean_and_error(&image, "G").0 < 0.9 * reference.0);
 }
 
+/// Photons pass a leaf or a rough pane with bent normals as paths do. Paths that arrive from below, behind the bent
+/// normal, see it bent towards them. Without this part of the directions, photons had 7 % less light behind the leaf.
+#[test]
+fn photons_pass_bent_normals_as_paths_do() {
+    let bend = 50f64.to_radians();
+    let bent = DVec3::new(bend.sin(), bend.cos(), 0.0).as_vec3();
+    let lamp = (square(DVec3::Y * 0.8, DVec3::X * 0.2, DVec3::Z * 0.2), surface(0.0, 8.0));
+    let floor = (square(DVec3::ZERO, DVec3::Z * 0.6, DVec3::X * 0.6), surface(0.7, 0.0));
+    let pane = Material { transmission: Transmission::with_factor(1.0), roughness: 0.7, ..surface(0.9, 0.0) };
+    for material in [leaf(0.4, 0.7, Vec3::ONE), pane] {
+        let middle = (square(DVec3::Y * 0.4, DVec3::Z * 0.6, DVec3::X * 0.6), material);
+        let of = |technique: Technique, spp: u32| {
+            let mut scene = scene(&[middle.clone(), floor.clone(), lamp.clone()], Vec::new());
+            for triangle in scene.triangles.iter().filter(|triangle| triangle.material == 0) {
+                for vertex in triangle.vertices {
+                    Arc::make_mut(&mut scene.vertices)[vertex as usize].normal = bent;
+                }
+            }
+            // From below the middle, the light's only bounce.
+            let view = camera(DVec3::Y * 0.3, DVec3::NEG_Y, 0.8);
+            let settings = settings(technique, spp).with(|s| {
+                s.indirect.max_bounces = 1;
+                s.indirect.photons = Some(1 << 18);
+            });
+            mean_and_error(&render_scene(scene, &view, &settings).0, "G").0
+        };
+        let (paths, photons) = (of(Technique::PATH, 256), of(Technique::PHOTON_MAP, 16));
+        println!("{photons} by photons, {paths} by paths");
+        // The noise of 20,000 photons on the visible floor and of the probes of their discs.
+        assert!((photons / paths - 1.0).abs() < 0.03, "{photons} by photons, {paths} by paths");
+    }
+}
+
 fn glass(ior: f32, strength: f32) -> Material {
     Material {
         roughness: 0.0,

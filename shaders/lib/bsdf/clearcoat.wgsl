@@ -92,6 +92,14 @@ fn clearcoat_seen_from(lobe: Clearcoat, view: vec3f) -> Clearcoat {
     return seen;
 }
 
+// The coat from the other side.
+@if(clearcoat)
+fn clearcoat_turned(lobe: Clearcoat) -> Clearcoat {
+    var turned = lobe;
+    @if(coat_normals) { turned.normal = -lobe.normal; }
+    return turned;
+}
+
 @if(clearcoat)
 fn clearcoat_is_present(lobe: Clearcoat) -> bool {
     return lobe.factor != 0.0;

@@ -77,6 +77,12 @@ fn diffuse_transmission_blocked(lobe: DiffuseTransmission) -> DiffuseTransmissio
     return DiffuseTransmission(vec3f(0.0));
 }
 
+// The lobe is the same from both sides.
+@if(diffuse_transmission)
+fn diffuse_transmission_turned(lobe: DiffuseTransmission) -> DiffuseTransmission {
+    return lobe;
+}
+
 @if(diffuse_transmission)
 fn diffuse_transmission_is_present(lobe: DiffuseTransmission) -> bool {
     return any(lobe.tint > vec3f(0.0));

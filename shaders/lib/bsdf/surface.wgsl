@@ -22,8 +22,8 @@ import package::lib::ray::Hit;
     Name, NameFactors, NAME_is_present, NAME_lobe, NAME_untextured, pack_NAME, unpack_NAME,
 };
 @each(lobe && textures) import package::lib::bsdf::NAME::{NAME_texture, NAME_textures};
-@each(base) import package::lib::bsdf::NAME::{NAME_base, NAME_blocked};
-@each(glossy_layer) import package::lib::bsdf::NAME::NAME_seen_from;
+@each(base) import package::lib::bsdf::NAME::{NAME_base, NAME_blocked, NAME_turned};
+@each(glossy_layer) import package::lib::bsdf::NAME::{NAME_seen_from, NAME_turned};
 
 // A surface as a viewer sees it. The normals are on the viewer's side.
 struct Surface {
@@ -160,6 +160,17 @@ fn seen_from(s: Surface, view: vec3f) -> Surface {
     seen.shading_normal = bent_to(s.shading_normal, view);
     @each(glossy_layer) { seen.NAME = NAME_seen_from(s.NAME, view); }
     return seen;
+}
+
+// The surface as a viewer on the other side sees it.
+@if((smooth_normals || normal_maps || coat_normals) && transmission)
+fn seen_through(s: Surface, view: vec3f) -> Surface {
+    var turned = s;
+    turned.geometric_normal = -s.geometric_normal;
+    turned.shading_normal = -s.shading_normal;
+    @each(base) { turned.NAME = NAME_turned(s.NAME); }
+    @each(glossy_layer) { turned.NAME = NAME_turned(s.NAME); }
+    return seen_from(turned, view);
 }
 
 // The surface without diffuse reflection and transmission, for unlit materials.

@@ -75,6 +75,12 @@ fn transmission_blocked(lobe: Transmission) -> Transmission {
     return Transmission(vec3f(0.0), lobe.eta);
 }
 
+// The lobe from the other side.
+@if(transmission)
+fn transmission_turned(lobe: Transmission) -> Transmission {
+    return Transmission(lobe.tint, 1.0 / lobe.eta);
+}
+
 // Transmittance of the volume over a distance.
 @if(transmission)
 fn volume_transmittance(material: u32, way: f32) -> vec3f {
