@@ -75,7 +75,7 @@ impl<'a> Picture<'a> {
             _ => 64,
         };
         if texels == 0 || texels > densest * bytes.len() as u64 {
-            return Err(format!("claims {width} x {height} texels in {} bytes", bytes.len()));
+            return Err(format!("it claims {width} x {height} texels in {} bytes", bytes.len()));
         }
         Ok(Picture { decoder: Box::new(decoder), size: [width, height] })
     }
@@ -104,7 +104,7 @@ fn webp_densest(bytes: &[u8], size: [u32; 2]) -> std::result::Result<u64, String
         let length = u32::from_le_bytes([head[4], head[5], head[6], head[7]]) as usize;
         let bits = |at: usize| tail.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
         let frame = match &head[..4] {
-            b"ANMF" | b"ANIM" => return Err("is an animation, which a texture cannot be".into()),
+            b"ANMF" | b"ANIM" => return Err("it is an animation, which a texture cannot be".into()),
             // The size follows a tag of three bytes and a signature of three. Upper bits are scales for display.
             b"VP8 " => bits(6).map(|bits| [bits & 0x3fff, bits >> 16 & 0x3fff]),
             // After a signature of one byte.
@@ -112,7 +112,7 @@ fn webp_densest(bytes: &[u8], size: [u32; 2]) -> std::result::Result<u64, String
             _ => Some(size),
         };
         if frame != Some(size) {
-            return Err("is damaged: header and frame differ in size".into());
+            return Err("it is damaged: header and frame differ in size".into());
         }
         rest = tail.get(length.saturating_add(length % 2)..).unwrap_or(&[]);
     }

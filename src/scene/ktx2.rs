@@ -110,7 +110,7 @@ impl<'a> Ktx2<'a> {
         let blocks = u64::from(width.div_ceil(4)) * u64::from(height.div_ceil(4));
         let texels = blocks.saturating_mul(16);
         if texels > FREE.max(DENSEST * bytes.len() as u64) {
-            return Err(format!("claims {width} x {height} texels in {} bytes", bytes.len()));
+            return Err(format!("it claims {width} x {height} texels in {} bytes", bytes.len()));
         }
         let stored = if coding == Coding::UastcZstandard { length } else { level.len() };
         if coding != Coding::Etc1s && stored as u64 != blocks * UASTC_BLOCK {

@@ -72,8 +72,8 @@ pub fn read_reference(path: &Path, settings: &Settings) -> Result<Reference> {
     let crop = settings.image.crop_window();
     let (Image { width, height, .. }, own) = (&reference.image, [crop.width, crop.height]);
     if [*width, *height] != own {
-        let sizes = format!("is {width} x {height} pixels, not {} x {}", own[0], own[1]);
-        return Err(Error::input(path, "file", format!("{sizes}; set --width and --height to its size")));
+        let sizes = format!("its size is {width} x {height} pixels, not {} x {}", own[0], own[1]);
+        return Err(Error::input(path, "file", format!("{sizes}; set --width and --height accordingly")));
     }
     Ok(reference)
 }
