@@ -70,6 +70,8 @@ fn packed_cluster(grid: GridShape, cluster: Cluster) -> CellClass {
     let sine = safe_sqrt(1.0 - cluster.cos_spread * cluster.cos_spread);
     let cos_spread = cluster.cos_spread * 0.99955 - sine * 0.03;
     let offset = 0.5 * (cluster.low + cluster.high);
+    // Room for the points between and beyond the photons. The class holds in the whole slab however thick it is, but a
+    // thick slab is decided less often, and a point outside of it requests a class.
     let thickness = 0.6 * (cluster.high - cluster.low) + 0.02 * cell;
     let class_ = CellClass(CLASS_DARK, normal, cos_spread, offset, thickness, 0.0, 0.0);
     return decode_cell_class(encode_cell_class(class_, cluster.normal_code, grid.inverse_cell), cell);
@@ -129,7 +131,8 @@ fn distance_bounds(photon: vec4u, extent: Extent) -> DistanceBounds {
     let slack = extent.thickness + extent.tilt * sqrt(max_squared);
     let min_along = max(along - slack, 0.0);
     let max_along = along + slack;
-    // A small margin for the rounding of the query's own distance.
+    // Margins for the rounding of both distances, this one's and the query's. Coordinates of up to 1 are rounded by
+    // 6e-8, which is less than 1.5e-4 of any distance above 4e-4; cells are wider, and k photons seldom nearer.
     return DistanceBounds(
         select(FAR, 0.9997 * (dot(min_offset, min_offset) + NORMAL_STRETCH * min_along * min_along), may_count),
         select(FAR, 1.0003 * (max_squared + NORMAL_STRETCH * max_along * max_along), counts_surely),
@@ -232,8 +235,8 @@ fn first_reach(grid: GridShape, cluster: Cluster) -> f32 {
     return clamp(reach, 1.0, MAX_REACH);
 }
 
-// The next reach if `sure`, fewer than k, photons are within `reach` of all points: by the density so far, with a
-// margin. Few photons say little about the density, so the reach grows by a quarter at least and doubles at most.
+// The next reach if `sure`, fewer than k, photons are within `reach` of all points: by the density so far, so that 1.2 k
+// are expected. Few photons say little about the density, so the reach grows by a quarter at least and doubles at most.
 fn wider_reach(reach: f32, sure: u32) -> f32 {
     let growth = sqrt(f32(nearest) / f32(max(sure, 1u))) * 1.1;
     return min(reach * clamp(growth, 1.25, 2.0), MAX_REACH);

@@ -99,7 +99,8 @@ fn class_by_search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, 
         if !found.complete { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.5); }
         if found.all >= nearest { break; }
         if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit, found.all - found.lit, 0.5); }
-        // By the density so far, with a margin. Few photons say little about the density, so the factor is bounded.
+        // By the density so far, so that the disc is expected to hold 1.3 k photons. Few photons say little about the
+        // density, so the factor is bounded.
         let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all, 1u)));
         closer = found;
         closer_reach = reach;
