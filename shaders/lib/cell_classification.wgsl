@@ -235,8 +235,9 @@ fn first_reach(grid: GridShape, cluster: Cluster) -> f32 {
     return clamp(reach, 1.0, MAX_REACH);
 }
 
-// The next reach if `sure`, fewer than k, photons are within `reach` of all points: by the density so far, so that 1.2 k
-// are expected. Few photons say little about the density, so the reach grows by a quarter at least and doubles at most.
+// The next reach if `sure`, fewer than k, photons are within `reach` of all points: by the density so far, so that
+// 1.2 k are expected. Few photons say little about the density, so the reach grows by a quarter at least, and doubles
+// at most.
 fn wider_reach(reach: f32, sure: u32) -> f32 {
     let growth = sqrt(f32(nearest) / f32(max(sure, 1u))) * 1.1;
     return min(reach * clamp(growth, 1.25, 2.0), MAX_REACH);
