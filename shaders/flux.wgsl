@@ -21,6 +21,8 @@ import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{in_any_lane, no_ray, trace_closest_together};
 import package::kit::group_index;
 import package::lib::light::{flux_window, light_emit};
+@if(emissive_volumes) import package::lib::light::mesh::{begins_in_volume, transmittance_behind};
+@if(emissive_volumes) import package::lib::light::table::NO_EMITTER;
 import package::lib::math::{is_finite3, oct_encode7};
 @if(smooth_normals || normal_maps || coat_normals) import package::lib::math::{basis, safe_sqrt};
 import package::lib::photon::{Photon, flux_word};
@@ -74,14 +76,14 @@ fn store(position: vec3f, normal: vec3f, flux: vec3f, xi: f32, kind: u32) {
     flux_photons[at] = Photon(position, flux_word(oct_encode7(normal), min(flux, largest), xi, kind));
 }
 
-// The first hit of a light's ray, and the flux that the ray carries.
+// The first hit of a light's ray, and how the ray left the light.
 @if(negative_photons)
 struct LightHit {
     light: u32,
     ray: Ray,
     hit: Hit,
     found: SurfaceHit,
-    flux: vec3f,
+    emitted: FluxRay,
 }
 
 // Continues a light's ray straight on behind its first hit, if there is one, and stores shadow photons. Returns the
@@ -90,8 +92,6 @@ struct LightHit {
 fn store_shadows(first: LightHit, is_active: bool, xi: f32, seed: u32, lane: u32) -> u32 {
     var found = first.found;
     var distance = first.hit.t;
-    // The range window of a punctual light depends on the distance from the light: replace that of the first hit.
-    let emitted = first.flux / max(flux_window(first.light, distance), 1e-20);
     var goes_on = is_active;
     var rays = 0u;
     loop {
@@ -106,7 +106,7 @@ fn store_shadows(first: LightHit, is_active: bool, xi: f32, seed: u32, lane: u32
             found = surface_at(hit, on);
             distance += hit.t;
             if any(found.surface.albedo > vec3f(0.0)) {
-                let flux = emitted * flux_window(first.light, distance);
+                let flux = flux_from_light(first.emitted, first.light, distance);
                 store(found.triangle_position, found.triangle_normal, flux, xi, PHOTON_SHADOW);
             }
         }
@@ -144,6 +144,8 @@ struct FluxRay {
     flux: vec3f,
     // Only focusing surfaces have scattered the ray since it left the light.
     @if(caustics) focused: bool,
+    // The emitter triangle if the ray began in the volume behind it, or NO_EMITTER.
+    @if(emissive_volumes) volume_of: u32,
 }
 
 // Ray number `number` of a light, with its share of the light's power.
@@ -156,20 +158,26 @@ fn emitted_ray(light: u32, number: u32, seed: u32) -> FluxRay {
     ray.direction = emitted.direction;
     ray.flux = emitted.flux * (flux_pass.inverse_unit / f32(ray_count));
     @if(caustics) { ray.focused = true; }
+    @if(emissive_volumes) { ray.volume_of = select(NO_EMITTER, emitted.triangle, begins_in_volume(emitted)); }
     return ray;
+}
+
+// The flux of an emitted ray of `light` at a distance from the light. Lamps count as outside of the volumes of other
+// objects, so only a volume of their own absorbs their light.
+fn flux_from_light(emitted: FluxRay, light: u32, distance: f32) -> vec3f {
+    var flux = emitted.flux * flux_window(light, distance);
+    @if(emissive_volumes) {
+        if emitted.volume_of != NO_EMITTER { flux *= transmittance_behind(emitted.volume_of, distance); }
+    }
+    return flux;
 }
 
 // The flux of a ray of `light` where it arrives, at `distance` from its origin. `bounce` counts the surfaces that have
 // scattered it.
 fn arriving_flux(leaving: FluxRay, light: u32, found: SurfaceHit, distance: f32, bounce: u32) -> vec3f {
-    var flux = leaving.flux;
-    if bounce == 0u { flux *= flux_window(light, distance); }
-    @if(transmission) {
-        // Lamps count as outside of volumes, so light that comes straight from a lamp is not absorbed. The exception is
-        // a lamp that is itself a volume: then the surface at the other end of the ray emits too.
-        if bounce > 0u || any(found.emission > vec3f(0.0)) { flux *= found.transmittance; }
-    }
-    return flux;
+    if bounce == 0u { return flux_from_light(leaving, light, distance); }
+    @if(transmission) { return leaving.flux * found.transmittance; }
+    @else { return leaving.flux; }
 }
 
 // Photons lie on triangles, but surfaces reflect by their shading normals, which face the viewer. So that photons carry
@@ -323,6 +331,7 @@ fn flux(
         goes_on &= hit.triangle != NO_HIT && !traversal_overrun;
         let xi = vec2f(uniform_from_bits(hash2(bounce_seed, 1u)), uniform_from_bits(hash2(bounce_seed, 2u)));
         var found: SurfaceHit;
+        @if(negative_photons) let emitted = leaving;
         if goes_on {
             @if(dispersion) { carry(leaving.flux); }
             found = surface_at(hit, here);
@@ -332,7 +341,7 @@ fn flux(
             // Direct light counts as unshadowed at the first hit and at all hits behind it; shadow photons subtract the
             // excess.
             if bounce == 0u {
-                let met = LightHit(light, here, hit, found, leaving.flux);
+                let met = LightHit(light, here, hit, found, emitted);
                 rays += store_shadows(met, goes_on, xi.x, bounce_seed, lane);
             }
         }

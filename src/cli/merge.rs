@@ -63,7 +63,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         let parts = listed(&missing);
         if !arguments.partial {
             let problem = format!("{parts} are in no piece; --partial writes the image without them");
-            return Err(Error::input(&arguments.pieces[0], "pieces", problem));
+            return Err(Error::input(&arguments.pieces[0], "file", problem));
         }
         say(format_args!("note: {parts} are in no piece"));
     }

@@ -233,6 +233,12 @@ impl Material {
         self.emissive != Vec3::ZERO && !reflects && !self.has_reflecting_lobe()
     }
 
+    /// Emits light into the volume behind its surface, which absorbs light.
+    pub(crate) fn emits_into_volume(&self) -> bool {
+        let absorbs = self.volume.is_some_and(|volume| volume.absorption(1.0) != [0.0; 3]);
+        self.emissive != Vec3::ZERO && self.double_sided && absorbs
+    }
+
     /// Its texels in the table of materials, [`MATERIAL_TEXELS`] of them. `infos` are the numbers of its texture infos,
     /// counted from 1, in the order of [`Material::texture_uses`]; 0 for none. `scale` is the factor from world lengths
     /// to normalised ones.

@@ -76,6 +76,8 @@ kernel_kit::features! {
         EmissiveTextures,
         /// Scene: some mesh light is transparent in parts, which do not emit.
         EmissiveAlpha,
+        /// Scene: some mesh light emits into a volume behind its surface, which absorbs its light.
+        EmissiveVolumes,
         /// Camera: it has an iris, so that points out of focus are blurred.
         ThinLens,
         /// Setting: the camera does not see the environment.

@@ -42,6 +42,10 @@ impl Specialisation {
         let (on, why) = some_lights(m.transparent_lights);
         let unneeded = "no mesh light is transparent in parts";
         self.decide(Feature::EmissiveAlpha, on, why, unneeded, "the alpha test at every light point");
+        let (on, why) = some_lights(m.lights_of_volumes);
+        let on = on && self.features.has(Feature::Transmission);
+        let unneeded = "no mesh light emits into a volume of its own";
+        self.decide(Feature::EmissiveVolumes, on, why, unneeded, "the volume behind every light point");
 
         self.decide(
             Feature::DarkPoints,

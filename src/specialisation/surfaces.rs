@@ -123,6 +123,8 @@ pub(super) struct Facts {
     pub(super) directional_lights: usize,
     pub(super) textured_lights: usize,
     pub(super) transparent_lights: usize,
+    /// Mesh lights that emit into volumes behind their surfaces.
+    pub(super) lights_of_volumes: usize,
 }
 
 impl Specialisation {
@@ -172,6 +174,7 @@ impl Facts {
                     let material = &scene.materials[*material as usize];
                     facts.textured_lights += usize::from(material.emissive_texture.is_some());
                     facts.transparent_lights += usize::from(material.alpha != AlphaMode::Opaque);
+                    facts.lights_of_volumes += usize::from(material.emits_into_volume());
                 }
                 LightKind::Point { .. } => facts.point_lights += 1,
                 LightKind::Spot { .. } => facts.spot_lights += 1,

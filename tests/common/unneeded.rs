@@ -68,6 +68,7 @@ pub const UNNEEDED: &[Unneeded] = &[
     beside(Feature::DiffuseTransmission, &[Feature::Glossy, Feature::Transmission]),
     beside(Feature::Dispersion, &[Feature::Glossy, Feature::Transmission]),
     beside(Feature::Immersed, &[Feature::Glossy, Feature::Transmission]),
+    beside(Feature::EmissiveVolumes, &[Feature::Glossy, Feature::Transmission]),
     beside(Feature::SpecularChains, &[Feature::Glossy]),
     beside(Feature::Caustics, &[Feature::Glossy]),
     beside(Feature::CausticIrradiance, &[Feature::Glossy, Feature::Caustics]),

@@ -160,7 +160,7 @@ fn merged_pieces_are_denoised() {
     assert!(error.contains("lack samples"), "{error}");
     let plain = settings.clone().with(|s| (s.image.denoise, s.image.piece) = (Denoise::None, Some(all.0)));
     let error = denoised(&[render("still_life.glb", &plain, folder.path().join("plain.exr"))]).unwrap_err().to_string();
-    assert!(error.contains("plain.exr: pieces: keep nothing for denoisers"), "{error}");
+    assert!(error.contains("plain.exr: the pieces keep nothing for denoisers"), "{error}");
     let single = settings.with(|s| s.image.piece = Some(all.0));
     let error = renderer("still_life.glb", &single).denoised_image(&denoiser).unwrap_err().to_string();
     assert!(error.contains("`image.denoise` is for merged pieces"), "{error}");

@@ -92,7 +92,8 @@ impl Selection {
         let volume = Volume { attenuation_distance: 1.0, attenuation_colour: Vec3::splat(0.5) };
         if has_lobe(39) {
             let (transmission, dispersion) = (Transmission::with_factor(1.0), Dispersion::new(1.0));
-            let glass = Material { transmission, dispersion, volume: Some(volume), ..plain.clone() };
+            let shining = if self.has(8) { lamp.clone() } else { plain.clone() };
+            let glass = Material { transmission, dispersion, volume: Some(volume), double_sided: true, ..shining };
             meshes.push((panel(10.0), glass));
         }
         if has_lobe(40) {
@@ -274,7 +275,7 @@ fn parameters_fit_a_uniform_buffer() {
 /// with unused terms, and for the few paths that take another way because of them.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
-    const FORCED: [Feature; 26] = [
+    const FORCED: [Feature; 27] = [
         Feature::Needles,
         Feature::Textures,
         Feature::Uv1,
@@ -301,6 +302,7 @@ fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
         Feature::EmitterPairs,
         Feature::EmissiveTextures,
         Feature::EmissiveAlpha,
+        Feature::EmissiveVolumes,
     ];
     let room = || {
         let lamp = square(DVec3::new(0.0, 0.45, 0.0), 0.2 * DVec3::X, 0.2 * DVec3::Z);

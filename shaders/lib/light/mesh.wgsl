@@ -1,6 +1,9 @@
 // Mesh lights: the triangles of one node and one emissive material.
 
 @if(emissive_alpha) import package::lib::alpha::alpha_coverage;
+@if(emissive_volumes) import package::lib::attributes::{material_index, surface_texel_of};
+@if(emissive_volumes) import package::lib::bsdf::transmission::volume_transmittance;
+@if(emissive_volumes) import package::lib::bvh::triangle_corners;
 import package::lib::constants::{
     EMITTER_TEXELS, LIGHT_CONTOUR_TEXEL, LIGHT_CLOSED_FORM, LIGHT_COVERAGE, LIGHT_EMISSION_TEXEL, LIGHT_KIND_TEXEL,
     LIGHT_NO_AXIS, LIGHT_SPHERE_TEXEL, LIGHT_SAMPLING_TEXEL, LIGHT_TWO_SIDED,
@@ -15,7 +18,9 @@ import package::lib::light::receivers::{receiver_cone, sample_bounded_cosine};
 import package::lib::light::table::{
     EmittedRay, LightSample, MIN_COSINE, light_texel, light_texel_f32, load_light_texel, no_light_sample,
 };
+@if(emissive_volumes) import package::lib::light::table::NO_EMITTER;
 @if(emissive_textures) import package::lib::material::emission_at;
+@if(emissive_volumes) import package::lib::material::material_at;
 import package::lib::math::{PI, oct_decode16};
 import package::lib::rng::BELOW_ONE;
 import package::lib::sampling::{SphericalTriangle, sample_spherical_triangle, sample_triangle};
@@ -39,6 +44,20 @@ fn mesh_point(light: u32, header: vec4u, triangle: EmitterTriangle, uv: vec2f) -
         if (header.x & LIGHT_COVERAGE) != 0u { radiance *= alpha_coverage(triangle.index, uv.x, uv.y); }
     }
     return MeshPoint(triangle.a + uv.x * triangle.e1 + uv.y * triangle.e2, normalize(triangle.across), radiance);
+}
+
+// Transmittance of the volume behind an emitter triangle over a distance.
+@if(emissive_volumes)
+fn transmittance_behind(triangle: u32, distance: f32) -> vec3f {
+    return volume_transmittance(material_at(material_index(surface_texel_of(triangle).w)), distance);
+}
+
+// Whether a ray that a mesh light emits begins in the volume behind its triangle.
+@if(emissive_volumes)
+fn begins_in_volume(emitted: EmittedRay) -> bool {
+    if emitted.triangle == NO_EMITTER { return false; }
+    let corners = triangle_corners(emitted.triangle);
+    return dot(cross(corners[1] - corners[0], corners[2] - corners[0]), emitted.normal) < 0.0;
 }
 
 fn mesh_dark(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> bool {
@@ -135,8 +154,11 @@ fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSam
     let distance2 = dot(offset, offset);
     if distance2 < 1e-30 { return no_light_sample(); }
     let distance = sqrt(distance2);
-    let normal = select(-point.normal, point.normal, emitter_faces(triangle, position));
-    return LightSample(offset / distance, distance, point.radiance, pdf, normal, false);
+    let front = emitter_faces(triangle, position);
+    let normal = select(-point.normal, point.normal, front);
+    var radiance = point.radiance;
+    @if(emissive_volumes) { if !front { radiance *= transmittance_behind(triangle.index, distance); } }
+    return LightSample(offset / distance, distance, radiance, pdf, normal, false);
 }
 
 // The light of an emitter triangle, and the density by solid angle with which its points are sampled; density 0 if the

@@ -188,7 +188,7 @@ pub(super) fn pack(
     let first = mesh.push_emitters(tables, light);
     let two_sided = material.double_sided;
     let whole = material.alpha == AlphaMode::Opaque;
-    let uniform = material.emissive_texture.is_none() && whole;
+    let uniform = material.emissive_texture.is_none() && whole && !material.emits_into_volume();
     let contours = if uniform { contours(&mesh.triangles, f64::from(radius)) } else { None };
     let start = tables.vertices.len() as u32;
     push_contours(tables, contours.as_deref().unwrap_or_default());

@@ -131,12 +131,12 @@ impl Pieces {
     /// As [`Pieces::merge`]; [`Error::Input`] if samples are missing, or the pieces keep nothing for denoisers;
     /// [`Error::Input`] with the library of a denoiser that fails.
     pub fn merge_denoised(&self, gpu: &Gpu, denoiser: &Denoiser) -> Result<Image> {
-        let refuse = |problem: &str| Err(Error::input(&self.files[0].0, "pieces", problem));
+        let refuse = |problem: &str| Err(Error::input(&self.files[0].0, "file", problem));
         if !self.have_guides() {
-            return refuse("keep nothing for denoisers: `image.denoise` was none when they were rendered");
+            return refuse("the pieces keep nothing for denoisers: `image.denoise` was none when they were rendered");
         }
         if !self.missing().is_empty() {
-            return refuse("lack samples, and denoisers need all of them");
+            return refuse("the pieces lack samples, and denoisers need all of them");
         }
         let has_indirect = self.whole.quantities.contains(&Quantity::Indirect);
         self.check_memory(denoisers(has_indirect, self.whole.half.is_some()), "choose `image.denoise` none")?;
