@@ -1,7 +1,7 @@
 //! The one error type of the library. Every variant names what is at fault and what to do.
 //!
 //! Messages put the names of settings between backticks, as paths of fields: `` `visibility_map.nearest` ``. A program
-//! with other names for them can replace them by those; the command line does.
+//! that has other names for settings can replace these; the command line does.
 
 use std::path::{Path, PathBuf};
 

@@ -64,8 +64,8 @@ impl<'a> Picture<'a> {
         let texels = u64::from(width) * u64::from(height);
         // Maximum number of texels that one byte can encode.
         let densest = match format {
-            // A block of 64 texels takes at least one bit, and half as many where each component is subsampled along
-            // another axis.
+            // A block of 64 values takes at least one bit. It covers 128 texels where each component is subsampled
+            // along another axis.
             ImageFormat::Jpeg => 8 * 64 * 2,
             // Deflate expands a byte to at most 1032.
             ImageFormat::Png => 1032 * 8 / png_texel_bits(bytes)?,
@@ -93,7 +93,7 @@ impl<'a> Picture<'a> {
 
 /// Texels that every WebP may have: 2048 x 2048. A lossless one of a single colour needs no bit for any of them.
 const WEBP_FREE: u64 = 1 << 22;
-/// Texels per byte beyond those. libwebp writes 16383 x 16383 texels of one colour as 10308 bytes: 26038 in each.
+/// Texels per byte of a longer file. libwebp writes 16383 x 16383 texels of one colour as 10308 bytes: 26038 in each.
 const WEBP_DENSEST: u64 = 1 << 15;
 
 /// Maximum number of texels that one byte of the WebP can encode. Refuses animations, and images whose frame does not

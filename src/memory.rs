@@ -3,14 +3,15 @@
 use std::fs;
 use std::path::Path;
 
-/// Where control groups limit memory: the folder of their files below that of all control groups, the file of the
-/// limit, and the line of `memory.stat` with what is in use and belongs to no file. Linux has two versions of them.
+/// Where Linux limits the memory of control groups, first in version 2 of their interface, then in version 1: the
+/// folder in the folder of all control groups, the file with the limit, and the beginning of the line of `memory.stat`
+/// that counts the memory in use that belongs to no file.
 const GROUPS: [(&str, &str, &str); 2] =
     [("", "memory.max", "anon "), ("memory", "memory.limit_in_bytes", "total_rss ")];
 
-/// Bytes that can be used without swap space, also within the limits of the process's control groups. What the system
-/// uses for copies of files counts, because it gives that up. `None` if this is unknown, as on systems other than
-/// Linux.
+/// Bytes that the process can use without swap space, within the limits of its control groups. Memory that holds copies
+/// of files counts as free, because the system gives it up when it is needed. `None` if this is unknown, as on systems
+/// other than Linux.
 pub fn available() -> Option<u64> {
     available_below(Path::new("/"))
 }
@@ -34,7 +35,7 @@ fn kilobytes(root: &Path, name: &str) -> Option<u64> {
     Some(value.trim().trim_end_matches(" kB").parse::<u64>().ok()? * 1024)
 }
 
-/// The bytes that are left to a control group, named by a line of `/proc/self/cgroup`, and to those that it is in.
+/// The bytes that are left to the control group that a line of `/proc/self/cgroup` names, and to all groups around it.
 fn available_in_groups(root: &Path, line: &str) -> Option<u64> {
     let mut parts = line.splitn(3, ':').skip(1);
     let (controllers, group) = (parts.next()?, parts.next()?);
@@ -50,7 +51,8 @@ fn available_in_groups(root: &Path, line: &str) -> Option<u64> {
         let used: u64 = stat.lines().find_map(|line| line.strip_prefix(used))?.parse().ok()?;
         Some(limit.saturating_sub(used))
     };
-    // In a container the name may be one that only the system outside knows: then the folder at the top is its own.
+    // In a container the name may be known only outside it. The folder at the top is then that of the container's own
+    // group.
     let own = top.join(group.trim_start_matches('/'));
     own.ancestors().take_while(|folder| folder.starts_with(&top)).filter_map(left).min()
 }
@@ -72,7 +74,7 @@ mod tests {
 
     const INFO: (&str, &str) = ("proc/meminfo", "MemTotal: 9000 kB\nMemAvailable:    4000 kB\nSwapFree: 7 kB\n");
 
-    /// A machine without limits has what it says, and one that says nothing is unknown.
+    /// Without control groups, `/proc/meminfo` decides. Without that file, the memory is unknown.
     #[test]
     fn the_machine_says_what_is_available() {
         assert_eq!(available_below(system(&[INFO]).path()), Some(4000 * 1024));
