@@ -12,17 +12,17 @@ use std::str::FromStr;
 use crate::{Error, Result};
 
 /// Default numbers of visibility photons per light, without and with fine cells. With fine cells, photons only have to
-/// classify large pieces of surface before shadow rays do. In sphere, box and crowd of scenes/, 8,192 to 131,072
-/// photons gave the same error at 16 and 64 samples; after 64 samples, 8,192 photons needed 20 % more rays in the
-/// sphere and 3 % more in the box.
+/// classify large pieces of surface, until the shadow rays of earlier samples do. In sphere, box and crowd of scenes/,
+/// 8,192 to 131,072 photons gave the same error at 16 and 64 samples; after 64 samples, 8,192 photons needed 20 % more
+/// rays in the sphere and 3 % more in the box.
 const MAP_PHOTONS: u32 = 131_072;
 const LEARNING_PHOTONS: u32 = 16_384;
 
-/// Shadow rays to a light that pay for one photon. A photon costs as much as ten to twenty shadow rays, with its share
-/// of the grid. At 256 x 256 pixels and one sample, 4,096 photons instead of 131,072 shortened the render of box, crowd
-/// and sphere from 0.25 to 0.52 s to 0.09 to 0.15 s.
+/// One photon is emitted for this many shadow rays to the light. A photon, with its share of the grid, costs as much as
+/// ten to twenty shadow rays. At 256 x 256 pixels and one sample, 4,096 photons instead of 131,072 shortened the
+/// renders of box, crowd and sphere from between 0.25 and 0.52 s to between 0.09 and 0.15 s.
 const RAYS_PER_PHOTON: u64 = 64;
-/// Fewer photons take no less time.
+/// Minimum of the default number: fewer photons take no less time.
 const MIN_PHOTONS: u32 = 4096;
 
 /// Maximum number of visibility photons that all lights together emit. If their rays hit two surfaces on average, what
@@ -41,8 +41,8 @@ pub use groups::{
 };
 pub use technique::Technique;
 
-/// The lights that a point uses if direct light is a separate pass, and the probabilities with which a path samples a
-/// light.
+/// How lights are sampled: which lights a point uses if direct light is a separate pass, and with which probabilities a
+/// path samples one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LightSampling {
@@ -86,7 +86,7 @@ impl LightSampling {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aov {
-    /// `direct.R` ...: light seen directly, and light that comes straight from a light.
+    /// `direct.R` ...: emitted light that the camera sees, and light that comes straight from a light to the surface.
     Direct,
     /// `indirect.R` ...: the rest.
     Indirect,
@@ -142,8 +142,8 @@ impl Aov {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Denoise {
-    /// The mixture of the raw image and of what all available denoisers make of it that has the smallest estimated
-    /// error in each region.
+    /// The mixture of the raw image and of the results of all available denoisers: in each region the one with the
+    /// smallest estimated error.
     Auto,
     /// Nothing.
     #[default]
@@ -313,8 +313,8 @@ impl Settings {
         self.learns_from_shadow_rays() && self.visibility_map.photons_per_light.is_none()
     }
 
-    /// Whether photons alone decide, or the image shows the classes by photons: their number then affects more than
-    /// noise.
+    /// Whether the number of visibility photons affects more than noise: photons alone decide, or the image shows the
+    /// classes that they give. Also true for techniques other than `shadow-photons`.
     pub(crate) fn shows_photons(&self) -> bool {
         let map = &self.visibility_map;
         let shown = self.image.aovs.contains(&Aov::Shadow);
@@ -330,9 +330,9 @@ impl Settings {
     }
 
     /// Visibility photons emitted from each light, if [`VisibilityMapSettings::photons_per_light`] is `None`: 131,072
-    /// if the image shows the classes by photons. Otherwise one for each 64 shadow rays that they may save, but at
-    /// least 4,096, and at most 16,384 if the shadow rays of earlier samples decide what the map does not, else
-    /// 131,072.
+    /// where photons alone decide, as in pieces, or where the image shows the classes that they give. Otherwise one for
+    /// each 64 shadow rays that they may save, but at least 4,096, and at most 16,384, or 131,072 if the image has a
+    /// single sample.
     pub fn photons_per_light(&self) -> u32 {
         let most = if self.learns_from_shadow_rays() { LEARNING_PHOTONS } else { MAP_PHOTONS };
         let default = match self.shows_photons() {
@@ -344,14 +344,14 @@ impl Settings {
         self.visibility_map.photons_per_light.unwrap_or(default)
     }
 
-    /// Like [`Settings::photons_per_light`], limited to the map's room for the photons of `lights` lights.
+    /// Like [`Settings::photons_per_light`], but no more than fit in the map when each of `lights` lights has as many.
     pub(crate) fn photons_of_light(&self, lights: usize) -> u32 {
         self.photons_per_light().min(MAX_MAP_PHOTONS / lights.max(1) as u32)
     }
 
-    /// Photons emitted for the global map, 65,536 if [`IndirectSettings::photons`] is `None`. If
-    /// [`IrradianceCacheSettings::gather_rays`] is `None` too, the first sample has a sixteenth of them. Up to sixteen
-    /// times as many follow.
+    /// Photons emitted for the global map: 65,536 if [`IndirectSettings::photons`] is `None`. If
+    /// [`IrradianceCacheSettings::gather_rays`] is `None` too, the first sample has a sixteenth of them. Later samples
+    /// have up to sixteen times as many in any case.
     pub fn flux_photons(&self) -> u32 {
         self.indirect.photons.unwrap_or(FLUX_PHOTONS)
     }

@@ -200,9 +200,10 @@ impl Default for VisibilityMapSettings {
     fn default() -> Self {
         VisibilityMapSettings {
             photons_per_light: None,
-            // At 50 the sphere of the paper keeps 7.0 % of its shadow rays, at 36 5.8 %; the error of the box is the
-            // same.
+            // At 50 the sphere of the paper keeps 7.0 % of its shadow rays, at 36 it keeps 5.8 %. The error of the box
+            // is the same.
             nearest: 36,
+            // As in the paper.
             shadow_photons_per_ray: 10,
             dilate: None,
             audit: 1.0 / 64.0,
@@ -252,8 +253,8 @@ impl Default for LightSamplingSettings {
 pub struct IndirectSettings {
     /// Maximum number of bounces of indirect light; 0 for direct light alone. Mirrors and clear glass before the first
     /// other surface that a camera ray meets are no bounces, except with `path`. A gather ray that hits a surface too
-    /// near continues for one bounce: with irradiance records and two bounces, a room has about 0.2 % of the light of a
-    /// third.
+    /// near continues for one more bounce: with irradiance records, a room rendered with two bounces also has about
+    /// 0.2 % of the light of a third.
     pub max_bounces: u32,
     /// Photons emitted for the global map, from all lights together and by their power: 1 to [`Settings::MAX_PHOTONS`].
     /// `None`: the number of [`Settings::flux_photons`].
@@ -315,7 +316,7 @@ pub struct CellSettings {
 
 impl Default for CellSettings {
     fn default() -> Self {
-        // Zimmerman and Shirley: up to 100 rays.
+        // Zimmerman and Shirley 1995 trace up to 100 rays.
         CellSettings { resolution: 64, rays_per_light: 100 }
     }
 }
@@ -356,8 +357,9 @@ impl Default for WardSettings {
 impl Settings {
     /// Largest side of an image.
     pub const MAX_SIDE: u32 = 16_384;
-    /// Maximum number of samples per pixel, up to which the film counts them exactly in f32, and that of a render that
-    /// ends by time: never reached. A power of two keeps the samples of a pixel well stratified.
+    /// Maximum number of samples per pixel: the film counts them in f32, which represents every integer up to this one.
+    /// Renders that end by time have it as their number of samples, and never reach it. It is a power of two, so that
+    /// the samples of a pixel stay well stratified.
     pub const UNLIMITED_SPP: u32 = 1 << 24;
     /// Largest k: a class word has room for no more.
     pub const MAX_NEAREST: u32 = 511;
@@ -365,8 +367,8 @@ impl Settings {
     pub const MAX_SHADOW_SAMPLES: u32 = 1024;
     /// Maximum number of shadow photons stored along one ray: an invocation has registers for no more.
     pub const MAX_SHADOW_PHOTONS: u32 = 64;
-    /// Maximum number of lights that all points use by default. With 16 small lamps, sampling eight takes half to a
-    /// sixth of the time at the same error (docs/decisions.md, "The threshold of 16 lights").
+    /// Number of lights up to which all points use all of them by default. With 16 small lamps, sampling eight takes
+    /// half to a sixth of the time at the same error (docs/decisions.md, "The threshold of 16 lights").
     pub const MANY_LIGHTS: u32 = 16;
     /// Maximum number of lights sampled at a point: as many as a zone lists.
     pub const MAX_SAMPLED_LIGHTS: u32 = 64;
@@ -374,7 +376,7 @@ impl Settings {
     pub const MAX_PHOTONS: u32 = 1 << 26;
     /// Maximum number of cells along a side. Cells are larger where all lights together would have more than 2^22.
     pub const MAX_CELLS: u32 = 256;
-    /// Maximum number of rays from a cell to a light: half a word, which counts them, has room for 16 times as many.
+    /// Maximum number of rays from a cell to a light: half a word counts them, and has room for 16 times as many.
     pub const MAX_CELL_RAYS: u32 = 4096;
     /// Maximum number of cells along a side of a light buffer: one light then has three quarters of all cells.
     pub const MAX_LIGHT_BUFFER_CELLS: u32 = 256;

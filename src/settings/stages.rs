@@ -6,12 +6,13 @@ use super::Settings;
 /// to four times sooner (`scenes/crowd.glb`, 128 x 128 pixels: 0.12 s instead of 0.52).
 const PREVIEW_STAGE: i32 = -4;
 
-/// Sixteen times the photons and gather rays of the settings: by default a million photons, and some thousand rays.
+/// The stage with sixteen times the photons and gather rays of the settings: by default a million photons, and some
+/// thousand rays.
 pub(crate) const LAST_STAGE: i32 = 4;
 
-/// Half of the samples per pixel from which on there are more photons and gather rays than those of the settings (24),
-/// where no estimate decides. Each time the samples double, so do they, so that indirect light takes about the same
-/// share of the time however long the render is.
+/// Where no estimate decides, stage n > 0 begins at 2^n times this number of samples per pixel. So stage 1, the first
+/// with more photons and gather rays than the settings have, begins at 24 samples. Photons and gather rays then double
+/// whenever the samples do, and indirect light takes about the same share of the time however long the render is.
 const SAMPLES_OF_SETTINGS: f64 = 12.0;
 
 /// Whether indirect light may begin with few gather rays and grow. It does not if the user requested numbers, which

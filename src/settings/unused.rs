@@ -53,7 +53,7 @@ impl Settings {
 mod tests {
     use crate::settings::{Settings, Technique};
 
-    /// Each technique names what it does not use of what was set, and nothing that has its default.
+    /// A technique names the settings that were set and that it does not use, and none that has its default.
     #[test]
     fn techniques_name_what_they_do_not_use() {
         let settings = |technique| {
