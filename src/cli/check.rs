@@ -91,7 +91,8 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let mut outcomes = match &arguments.images {
         Some(folder) => cases.iter().map(|case| compare(case, folder, &arguments.cases)).collect(),
         None => {
-            // A signal ends the renders first, which would go on without this process, and then the process.
+            // Without this, a signal would end this process, and its renders would go on. So the first signal ends the
+            // renders.
             interrupt.defer();
             match arguments.render_all(&cases, is_software, &|| interrupt.raised())? {
                 Some(outcomes) => outcomes,
@@ -144,8 +145,8 @@ impl Arguments {
         Ok(cases)
     }
 
-    /// Renders and compares all cases, some at the same time. Each render is a process of its own, so that one that
-    /// fails is no more than a broken case. `None` once `stop` returns true: all renders have ended then.
+    /// Renders and compares all cases, some at the same time. Each render is a process of its own, so that a crash
+    /// breaks no more than its case. `None` if `stop` returns true; all renders have then ended.
     fn render_all(
         &self,
         cases: &[Case],
@@ -207,7 +208,7 @@ impl Arguments {
                 return Err(last.trim_start_matches("penumbra: error: ").to_owned());
             }
             let image = Image::read(&file).map_err(|problem| problem.to_string())?;
-            // A case that removes noise is about the result.
+            // If the flags of a case denoise the image, the denoised image is compared.
             Ok(image.denoised().unwrap_or(image))
         };
         let command = format!("penumbra render {} {}", scene.display(), case.flags.join(" "));

@@ -53,7 +53,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     }
 }
 
-/// Whether the format has room only for what a screen shows.
+/// Whether the file is a .png, which holds tone-mapped values of 8 bits.
 fn is_tone_mapped(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
 }

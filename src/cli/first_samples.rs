@@ -9,7 +9,8 @@ use penumbra::internal::render::film::write_atomically;
 
 use super::cache;
 
-/// Renders of each device that are remembered, the latest ones: machines change, and are busy at times.
+/// Number of the latest renders of each device that are remembered. Older ones say little: machines change, and are
+/// busy at times.
 const REMEMBERED: usize = 9;
 
 /// Minimum number of renders for their times to count: a single one may have run on a busy machine.
@@ -38,8 +39,8 @@ impl FirstSamples {
     }
 
     /// The lower quartile of the time of first samples over the expected time; 1 until a few are known. On a busy
-    /// machine they take up to twice as long. Expecting this of the next renders too would cost more than being late
-    /// for a while, because `path` has up to ten times the error.
+    /// machine, first samples take up to twice as long. To expect that of the next renders too would cost more than to
+    /// be late for a while, because `path`, which would then be chosen, has up to ten times the error.
     pub fn slowness(&self) -> f64 {
         let mut ratios = self.ratios.get(&self.device).cloned().unwrap_or_default();
         ratios.retain(|ratio| ratio.is_finite() && *ratio > 0.0);

@@ -1,5 +1,5 @@
-//! Ctrl-C and SIGTERM. Before there is an image to save they end the process at once; after [`Interrupt::defer`] they
-//! set a flag that the render loop reads. A second signal always ends the process at once. No half-written file is
+//! Ctrl-C and SIGTERM. Before there is an image to save, they end the process at once. After [`Interrupt::defer`] the
+//! first one sets a flag that the render loop reads, and a second one ends the process at once. No half-written file is
 //! left.
 
 use std::sync::Arc;
@@ -58,7 +58,7 @@ fn listen(state: Arc<State>) {
         std::thread::spawn(move || {
             for signal in signals.forever() {
                 if state.ends_the_process() {
-                    // Without exit handlers, in which drivers would end while other threads use them.
+                    // Without running exit handlers: those of drivers would release what other threads still use.
                     signal_hook::low_level::exit(128 + signal);
                 }
             }

@@ -89,7 +89,7 @@ enum Ending {
     Done,
     /// `compare`: the error is above the limit; `check`: a case did not pass.
     AboveLimit,
-    /// Stopped by a signal, with the image so far written.
+    /// Stopped by a signal. `render` and `report` have written what was finished; `check` writes nothing.
     Stopped,
 }
 

@@ -64,7 +64,8 @@ struct Counts {
     cameras: usize,
 }
 
-/// The memory of the image alone, without and with a denoiser: a plan does not have the outputs that decide.
+/// The memory of the image alone, without and with a denoiser: whether `render` denoises depends on its outputs, which
+/// `plan` does not have.
 #[derive(Serialize)]
 struct Memories {
     raw: ImageMemory,

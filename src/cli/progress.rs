@@ -46,7 +46,7 @@ pub struct Display {
 
 enum Target {
     Bar(ProgressBar),
-    /// The next line is due after this time; then after twice as long.
+    /// The next line is due this long after the beginning, and each further one after twice the time of the one before.
     Lines(Duration),
     Nothing,
 }
@@ -93,8 +93,8 @@ impl Drop for Target {
     }
 }
 
-/// Shows from now on how many kernels the driver has compiled, where it has not compiled them before. Returns
-/// whether it has compiled any so far.
+/// From now on shows how many kernels the driver has compiled, unless it has all of them from earlier. The returned
+/// flag is set once it compiles one.
 pub fn show_compilation(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
     let driver_compiles = Arc::new(AtomicBool::new(false));
     let compiles = driver_compiles.clone();

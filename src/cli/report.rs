@@ -103,8 +103,8 @@ pub struct Arguments {
     device: DeviceOptions,
 }
 
-/// Default number of runs of each entrant, if time allows. With more runs, Student's factor on intervals hardly
-/// decreases.
+/// Default number of runs of each entrant, if time allows. With more runs, Student's factor, which widens the
+/// intervals, hardly decreases.
 const REPEATS: usize = 5;
 
 /// Seconds that a report takes at most by default.
@@ -396,7 +396,7 @@ impl Rounds {
         while rounds.whole < schedule.repeats {
             match Rounds::round(bench, schedule, rounds.whole, &starters, stop) {
                 Ok(Some(runs)) => {
-                    // An entrant without an image in one run is not shown: further runs cannot help it.
+                    // An entrant that has no image in one of its runs is not shown, so it needs no further runs.
                     starters.retain(|starter| {
                         let own = |run: &&Run| run.entrant() == starter.entrant();
                         runs.iter().find(own).is_some_and(|run| !run.snapshots.is_empty())
@@ -447,7 +447,7 @@ fn write(path: &Path, text: &str) -> Result<()> {
     film::write_atomically(path, |file| Ok(file.write_all(with_flags(text).as_bytes())?))
 }
 
-/// Saves measurements that took minutes: in the folder for temporary files, or else, if that is full too, on stdout.
+/// Saves measurements that took minutes: in the folder for temporary files or, if that is full too, on stdout.
 fn rescue_measurements(text: &str) -> Result<String> {
     match rescue("measurements are", "json", |path| write(path, text)) {
         Some(remark) => Ok(remark),

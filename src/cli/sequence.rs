@@ -15,7 +15,8 @@ const PLACEHOLDER: &str = "{frame}";
 /// frames: a frame has the same name whichever others are rendered with it.
 const DIGITS: usize = 4;
 
-/// Maximum number of views of a turntable, whose cameras are all made at first: at 24 a second, half a day.
+/// Maximum number of views of a turntable. All cameras are made before the first view is rendered. At 24 views a
+/// second, a sequence of as many lasts half a day.
 const MAX_VIEWS: i64 = 1_000_000;
 
 /// Options of a sequence.
@@ -108,7 +109,8 @@ impl SequenceOptions {
         self.turntable
     }
 
-    /// Checks that each frame's files have their own names, and that those of a single image contain no placeholder.
+    /// Checks that the names of a sequence's files contain the placeholder, so that each frame has files of its own,
+    /// and that those of a single image do not.
     pub fn check_names<'p>(&self, mut paths: impl Iterator<Item = &'p PathBuf>) -> Result<()> {
         let is_sequence = self.frames.is_some() || self.turntable.is_some();
         let Some(path) = paths.find(|path| path.to_string_lossy().contains(PLACEHOLDER) != is_sequence) else {

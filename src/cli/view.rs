@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     }
     let display = Display::open().map_err(|error| match error {
         Error::NoDisplay(problem) => {
-            // The text before the last colon is a location in the window library's source.
+            // The library of the window puts a location in its own source before the last colon.
             let problem = problem.rsplit(": ").next().unwrap_or(&problem).trim_end_matches('.');
             Error::NoDisplay(format!("{problem}; `penumbra render` needs none"))
         }
@@ -94,7 +94,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// The options that the window sets, or that `render` has otherwise: the copied command states them anew.
+/// The options that the copied command states itself: the window changes them, or they have other defaults in `render`.
 const STATED: [&str; 23] = [
     "scene",
     "camera",

@@ -38,7 +38,7 @@ fn device_limits() -> impl TypedValueParser<Value = DeviceLimits> {
 }
 
 impl DeviceOptions {
-    /// The choice, and what of the device is used.
+    /// The device, and the limits under which it is used.
     #[cfg(feature = "view")]
     pub fn choice(&self) -> (DeviceChoice, DeviceLimits) {
         (self.device.clone(), self.device_limits)

@@ -178,16 +178,16 @@ pub struct SceneOptions {
     environment_strength: f32,
 }
 
-/// For the window: what it changes of a scene and of its camera.
+/// For the window, which changes some of the options.
 #[cfg(feature = "view")]
 impl SceneOptions {
-    /// Another file, in another state.
+    /// The same options for another file and pose.
     pub fn of_file(self, file: &Path, pose: &Pose) -> Self {
         let environment_rotation = pose.environment_rotation.unwrap_or(self.environment_rotation);
         SceneOptions { scene: file.to_owned(), environment_rotation, variant: pose.variant.clone(), ..self }
     }
 
-    /// Another field of view or f-number, if there are any.
+    /// The same options with this field of view, if it is given, and with this f-number or none.
     pub fn through(self, fov: Option<f64>, f_number: Option<f64>) -> Self {
         SceneOptions { fov: fov.or(self.fov), aperture: f_number, ..self }
     }
@@ -253,8 +253,8 @@ impl SceneOptions {
         self.load_first(None, self.load_panorama()?.as_ref(), aspect)
     }
 
-    /// Like [`load`](Self::load), `time` seconds after the beginning of the animation if it is given, and within that
-    /// panorama.
+    /// Like [`load`](Self::load), but in the pose at `time` seconds after the beginning of the animation, if that is
+    /// given, and within this panorama.
     pub fn load_first(
         &self,
         time: Option<f64>,
@@ -301,7 +301,7 @@ impl SceneOptions {
         Ok(())
     }
 
-    /// Whether the camera is one that frames the scene, and not one of the file.
+    /// Whether the camera frames the scene: it is neither one of the file nor placed by the user.
     pub fn frames(&self, scene: &Scene) -> bool {
         self.from.is_some() || (self.look_from.is_none() && self.camera.is_none() && scene.cameras.is_empty())
     }

@@ -29,7 +29,7 @@ impl ExtentOptions {
     }
 }
 
-/// The settings of one render, but for its pixels and samples.
+/// The settings of one render, except which pixels and samples of the image are rendered.
 #[derive(Args)]
 #[command(next_help_heading = "Image")]
 pub struct RenderOptions {

@@ -79,7 +79,7 @@ pub fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
     })
 }
 
-/// One of the ways to share samples out.
+/// One of the distributions of samples over the pixels.
 pub fn samplings() -> impl TypedValueParser<Value = Sampling> {
     by_name(Sampling::ALL, Sampling::name, |sampling| match sampling {
         Sampling::Uniform => "--spp samples for every pixel",

@@ -117,7 +117,7 @@ impl Arguments {
         self.check_names(&[])
     }
 
-    /// Checks that a piece has sums that can be merged, and samples that no other piece decides.
+    /// Checks that the piece is written as sums that can be merged, and that no other piece decides its samples.
     fn check_piece(&self) -> Result<()> {
         if !self.extent.is_piece() {
             return Ok(());
@@ -159,7 +159,7 @@ impl Arguments {
         Some(format!("there is no checkpoint {} yet: a new render begins", path.display()))
     }
 
-    /// The denoiser. If it cannot be used: an empty one, and the error.
+    /// The denoiser. If it cannot be used, an empty denoiser and the error.
     pub fn denoiser(&self) -> (Denoiser, Option<Error>) {
         if self.extent.is_piece() {
             return (Denoiser::default(), None);

@@ -50,8 +50,8 @@ impl Files {
     }
 }
 
-/// Saves in the folder for temporary files what could not be written where it belongs: `saved`, as in "image is".
-/// Returns a remark for the error, on where it is; `None` if it cannot be written there either.
+/// Saves in the folder for temporary files what could not be written to its own file. `saved` names it, with a verb:
+/// "image is". Returns a remark for the error, which says where it is now; `None` if it cannot be written there either.
 pub fn rescue(saved: &str, extension: &str, write: impl Fn(&Path) -> Result<()>) -> Option<String> {
     let file = env::temp_dir().join(format!("penumbra-{}.{extension}", process::id()));
     write(&file).ok().map(|()| format!("; the {saved} in {}", file.display()))
@@ -73,7 +73,7 @@ pub fn write_in_folder(path: &Path, write: impl Fn() -> Result<()>) -> Result<()
     })
 }
 
-/// The outcome of writing two files, whose error names both if neither is written.
+/// The outcome of writing two files. If both failed, the error names both.
 pub fn both(first: Result<()>, second: Result<()>) -> Result<()> {
     match (first, second) {
         (Err(Error::Output { file, problem }), Err(Error::Output { file: other, .. })) => {

@@ -19,8 +19,8 @@ struct Sequence<'a> {
     panorama: Option<&'a LoadedPanorama>,
     /// All frames have the size of the first.
     settings: Settings,
-    /// The camera of the first frame and its space, if it frames the scene. Another one for each frame would move with
-    /// the scene.
+    /// If the camera frames the scene: the camera of the first frame, and the space that it is in. All frames use it,
+    /// because one that frames each frame anew would move with the scene.
     framing: Option<(Camera, Normalisation)>,
     /// The cameras of a turntable, and its scene, which stands still.
     views: Vec<Camera>,

@@ -48,7 +48,7 @@ pub struct Session<'a> {
 
 /// Prepares an opened device. The returned flag is set if the driver compiles kernels for it. Kernels are kept and used
 /// again: those of samples without photons by samples with photons, those of the first frame by the other frames of a
-/// sequence, and those compiled with the renderer's by the denoisers.
+/// sequence, and by the denoisers those of theirs that are compiled together with the renderer's.
 pub fn prepare_device(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
     gpu.keep_kernels();
     show_compilation(gpu, quiet)
@@ -115,7 +115,8 @@ impl<'a> Session<'a> {
             },
         );
         rendered.map_err(|Failure { error, salvage }| {
-            // A file is at fault before the first sample or after the image was written.
+            // Errors of files occur before the first sample or after the image was written, so there is nothing to
+            // save.
             if let Some(salvage) = salvage.filter(|_| !matches!(error, Error::Output { .. } | Error::Input { .. })) {
                 self.stopped = true;
                 let Salvage { image, statistics, checkpoint } = *salvage;
@@ -166,7 +167,8 @@ impl<'a> Session<'a> {
         self.announced = true;
     }
 
-    /// Renders until there are enough samples or a signal stops it. Returns the problem of a denoiser that ended it.
+    /// Renders until there are enough samples or a signal stops it. Returns the error of a denoiser, if that ended the
+    /// render.
     fn add_samples(&mut self, renderer: &mut Renderer<'_>) -> Result<Option<Error>> {
         let arguments = self.arguments;
         let deadline = self.times.deadline();

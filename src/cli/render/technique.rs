@@ -14,8 +14,8 @@ use super::notes::Notes;
 use super::times::Times;
 use crate::cli::first_samples::FirstSamples;
 
-/// Largest share of `--time` for denoising: a filter removes as much error as many times the samples would, and most
-/// where samples are few.
+/// Largest share of `--time` for denoising. A filter removes as much error as many times the samples would, and most of
+/// all where samples are few.
 const DENOISED_SHARE: f64 = 0.5;
 
 /// Leaves out the denoisers that would take too much of `--time`, unless the user selects them. Returns the time that
