@@ -8,9 +8,8 @@ use super::json::Json;
 use super::limits::MAX_CORNERS;
 use crate::Result;
 
-/// Number of elements that an accessor without data may always have. A larger count must not exceed the size in bytes
-/// of the largest buffer, because other attributes of the same vertices are stored there. Nothing else in the file
-/// bounds it.
+/// Number of elements that an accessor without data may have in any file. A larger number must not exceed the bytes of
+/// the largest buffer: other attributes of the same vertices are stored there, and nothing else in the file bounds it.
 const MIN_ZERO_FILLED_LIMIT: usize = 1 << 12;
 
 /// A buffer view: a byte range of a buffer.

@@ -1,5 +1,5 @@
-//! A camera written into a copy of a scene's file. The JSON text gets a camera and a node, and stays as it is
-//! otherwise, digit by digit; so do the binary chunks.
+//! A camera written into a copy of a scene's file. The JSON text gets a camera and a node, and otherwise stays as it
+//! is, digit by digit; so do the binary chunks.
 
 use std::collections::HashSet;
 use std::fs;
@@ -50,7 +50,7 @@ impl AddedCamera {
         AddedCamera { name: name.to_owned(), position, axes, projection, near, far }
     }
 
-    /// The camera's JSON, without its place.
+    /// The camera's JSON. Position and axes belong to its node.
     fn json(&self, name: &str) -> Value {
         let mut value = match self.projection {
             Projection::Perspective { yfov, aspect } => {
@@ -61,7 +61,8 @@ impl AddedCamera {
                 json!({ "type": "perspective", "perspective": value })
             }
             Projection::Orthographic { xmag, ymag } => {
-                // These must have an end, which is as far as a scene can be.
+                // glTF requires a far plane. 2^24 times the near distance of a placed camera is some 1,700 times the
+                // size of the scene.
                 let far = if self.far.is_finite() { self.far } else { self.near * f64::from(1u32 << 24) };
                 let value = json!({ "xmag": xmag, "ymag": ymag, "znear": self.near, "zfar": far });
                 json!({ "type": "orthographic", "orthographic": value })
@@ -75,8 +76,7 @@ impl AddedCamera {
     }
 }
 
-/// Reads the scene in `source`, and returns the same file with a camera more, and that camera's name. The file is for
-/// `folder`.
+/// Returns the scene's file `source` with one more camera, to be written into `folder`, and that camera's name.
 ///
 /// # Errors
 /// [`Error::Input`] for a file that cannot be read; [`Error::Usage`] if it refers to other files and `folder` is not
@@ -142,7 +142,7 @@ fn edit(text: &str, document: &Value, camera: &AddedCamera, name: &str) -> Optio
     Some(text)
 }
 
-/// The text with `entry` at the end of the array at `path`, whose last step may be missing.
+/// The text with `entry` added at the end of the array at `path`. The array is made if its holder lacks it.
 fn append(text: &str, path: &[&str], entry: &str) -> Option<String> {
     let (last, holders) = path.split_last()?;
     let mut at = text.find('{')?;

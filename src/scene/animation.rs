@@ -1,8 +1,8 @@
 //! Animations, and the document in the pose of a moment.
 //!
-//! Every animation is checked, whether it is played or not. The values at a moment take the place of those in the
-//! document, which import then reads as any other: transforms, weights of morph targets, cameras, lights, materials,
-//! and which nodes are shown.
+//! Every animation is checked, whether it is played or not. The values at a moment replace those in the document, which
+//! import then reads as any other: transforms, weights of morph targets, cameras, lights, materials, and which nodes
+//! are shown.
 
 use std::collections::HashMap;
 
@@ -46,7 +46,7 @@ pub(super) struct Posed {
     pub end: Option<f64>,
 }
 
-/// Checks the animations of a document, and poses it at the moment that `options` choose.
+/// Checks the animations of a document, and makes its pose at the time that `options` request.
 pub(super) fn pose(root: &Json, accessors: &[Accessor], options: &ImportOptions, notes: &mut Notes) -> Result<Posed> {
     let animations = read(root, accessors)?;
     let Some(seconds) = options.time else {

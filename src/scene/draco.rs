@@ -1,5 +1,5 @@
-//! Primitives compressed by KHR_draco_mesh_compression. The crate `draco-core` decodes them; what it returns takes the
-//! place of the data that the primitive's accessors lack.
+//! Primitives compressed by KHR_draco_mesh_compression. The crate `draco-core` decodes them. The result replaces the
+//! data that the primitive's accessors lack.
 
 use std::collections::{HashMap, HashSet};
 
@@ -14,8 +14,9 @@ use crate::Result;
 /// Name of the extension.
 pub(super) const EXTENSION: &str = "KHR_draco_mesh_compression";
 
-/// Number of vertices and of corners that every stream may have, and the number of further ones for each of its bytes.
-/// Meshes take some bytes for each vertex. A plane of triangles in rows, whose deltas repeat, takes one byte for 20.
+/// Every stream may have `FREE` vertices and as many corners, and a longer one `DENSEST` of each for each of its bytes.
+/// A vertex of usual meshes takes some bytes; in a plane of triangles in rows, whose deltas repeat, 20 vertices share
+/// one.
 const FREE: usize = 1 << 12;
 const DENSEST: usize = 1 << 8;
 

@@ -8,8 +8,8 @@ use super::texture::TextureImage;
 use crate::fingerprint::Fingerprint;
 
 impl Scene {
-    /// The fingerprint of the scene, of Penumbra's version and of `settings`, which is whatever else decides the image:
-    /// 32 hexadecimal digits.
+    /// The fingerprint of the scene, of Penumbra's version and of `settings`, which are all else that decides the
+    /// image: 32 hexadecimal digits.
     pub fn fingerprint(&self, settings: &impl Debug) -> String {
         let mut fingerprint = Fingerprint::default();
         // Naming every field makes the compiler report one that is forgotten.

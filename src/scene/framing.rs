@@ -126,7 +126,8 @@ impl Scene {
         }
     }
 
-    /// Why the camera sees nothing of the scene whatever its direction of view, if that is so.
+    /// Why the camera sees nothing: all of the scene is behind it, nearer than its near plane or beyond its far plane.
+    /// `None` otherwise, or if the scene is empty.
     pub fn clipped_away(&self, camera: &Camera) -> Option<String> {
         let depth = |corner: Vec3| (camera.position - corner).dot(camera.axes[2]);
         let depths = self.corners().map(depth).map(|z| [z, z]);
@@ -161,7 +162,7 @@ impl Seen {
             position: self.eye[0] * right + self.eye[1] * up + self.eye[2] * backward,
             axes,
             projection: Projection::Perspective { yfov: fov.to_radians(), aspect: None },
-            // Nothing lies in front of it, however near the nearest corner comes.
+            // Nothing is nearer than this plane, however near the nearest corner comes.
             near: (0.01 * radius).min(0.5 * (self.eye[2] - self.nearest)).max(1e-6 * radius),
             far: f32::INFINITY,
             lens: None,

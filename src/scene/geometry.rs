@@ -56,8 +56,8 @@ struct Shared {
     placements: Vec<DAffine3>,
 }
 
-/// Refuses a scene that is too large before any mesh is transformed. A small file may instance a mesh many times: the
-/// last member is the number of copies.
+/// Refuses a scene that is too large before any mesh is transformed. A small file may place a mesh many times: the last
+/// member of an item is the number of copies.
 pub(super) fn check_size<'p, 'r: 'p, 'a: 'r>(
     placed: impl Iterator<Item = (&'p Node<'a>, &'p Mesh<'r, 'a>, &'p [f64], usize)>,
 ) -> Result<()> {
@@ -526,7 +526,8 @@ impl Shape {
 #[derive(Clone, Copy)]
 struct Transform {
     affine: DAffine3,
-    /// Its cofactor matrix; with a sign that keeps normals on the front of triangles whose winding is flipped.
+    /// Its cofactor matrix, negated if it mirrors: the winding of triangles is then flipped, and normals must stay on
+    /// their front.
     normal_matrix: DMat3,
     mirrors: bool,
 }

@@ -12,12 +12,13 @@ use crate::Result;
 
 pub(super) const EXTENSION: &str = "EXT_lights_image_based";
 
-/// Maximum height of the panorama: for faces of 2048 texels, which then have about as many texels on the sphere.
+/// Maximum height of the panorama. At this height it has about as many texels as a cube map with faces of 2048 texels a
+/// side.
 const MAX_HEIGHT: u32 = 4096;
 
-/// For each face: the direction in which it is seen, the direction to its right and the one at its top, seen from the
-/// centre, in the order +X, -X, +Y, -Y, +Z, -Z. The extension mirrors the images of OpenGL's cube maps, which are seen
-/// from outside.
+/// For each face, as seen from the centre: the direction towards it, the direction to its right and that to its top.
+/// The faces are +X, -X, +Y, -Y, +Z, -Z. The extension mirrors the images of OpenGL's cube maps, which are seen from
+/// outside.
 const FACES: [[DVec3; 3]; 6] = [
     [DVec3::X, DVec3::Z, DVec3::Y],
     [DVec3::NEG_X, DVec3::NEG_Z, DVec3::Y],
@@ -37,8 +38,8 @@ struct ImageLight<'a> {
     faces: [usize; 6],
 }
 
-/// Reads and checks all image-based lights, and makes the panorama of the one that the rendered scene has. Its
-/// coefficients of irradiance and its blurred cube maps are not needed, because paths gather the light.
+/// Reads and checks all image-based lights, and makes the panorama of the one that the rendered scene has. It ignores
+/// its coefficients of irradiance and its blurred cube maps, because paths gather the light.
 pub(super) fn read(root: &Json, encoded: &[Encoded], lenient: bool, notes: &mut Notes) -> Result<Option<Panorama>> {
     let lights = root.extension(EXTENSION)?.map_or(Ok(Vec::new()), |extension| extension.list("lights"))?;
     let lights = lights.iter().map(|json| ImageLight::read(json, encoded)).collect::<Result<Vec<_>>>()?;

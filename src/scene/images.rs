@@ -89,7 +89,7 @@ pub(super) struct Encoded<'a> {
 pub(super) enum Form {
     /// The texels as they are stored.
     Stored,
-    /// Roughness in G, computed from the glossiness in A times a factor; these are the bits of the factor.
+    /// Roughness in G: 1 minus the glossiness in A times a factor, whose bits these are.
     Roughness(u32),
 }
 
@@ -117,7 +117,8 @@ pub(super) struct Use {
     pub form: Form,
 }
 
-/// Where a texture may name its image, in the order of increasing preference, and what the image must be then.
+/// Where a texture may name its image, and the formats that it may have there. Later entries are preferred to earlier
+/// ones.
 const SOURCES: [(Option<&str>, &[Format], &str); 3] = [
     (None, &[Format::PNG, Format::JPEG], "neither PNG nor JPEG"),
     (Some(BASIS), &[Format::Ktx2], "not KTX2"),
@@ -130,8 +131,8 @@ pub(super) const BASIS: &str = "KHR_texture_basisu";
 /// The extension for images that are WebP.
 pub(super) const WEBP: &str = "EXT_texture_webp";
 
-/// The image of a texture, if it has any. An extension's image is preferred, because it is the better form of the same
-/// image.
+/// The image of a texture, if it has any. An image that an extension names is preferred, because it is a better form of
+/// the same image.
 pub(super) fn source(texture: &Json, images: &[Encoded]) -> Result<Option<usize>> {
     let mut shown = None;
     for (extension, formats, problem) in SOURCES {
@@ -149,7 +150,7 @@ pub(super) fn source(texture: &Json, images: &[Encoded]) -> Result<Option<usize>
 }
 
 impl Encoded<'_> {
-    /// Whether a lenient import does without it.
+    /// Whether it is missing or damaged, and a lenient import leaves it out.
     pub fn is_broken(&self) -> bool {
         matches!(self.content, Content::Broken)
     }
@@ -173,7 +174,7 @@ impl Encoded<'_> {
         }
     }
 
-    /// Does without the image from now on, because of `error`.
+    /// Leaves the image out from now on, because of `error`.
     pub fn leave_out(&mut self, error: &Error, notes: &mut Notes) {
         let problem = match error {
             Error::Input { problem, .. } => problem.clone(),
@@ -272,7 +273,7 @@ pub(super) fn decode_textures(
     };
     let decoded: Vec<Result<_>> = used.par_iter().zip(&levels).map(decode).collect();
     let reduced = levels.iter().filter(|level| **level > 0).count();
-    // Where one is damaged, an error follows, or another attempt without it.
+    // If an image is damaged, import fails, or starts again without the image and adds the note then.
     if reduced > 0 && decoded.iter().all(Result::is_ok) {
         let are = if reduced == 1 { "is" } else { "are" };
         let smallest = 1u64 << levels.iter().max().expect("some are reduced");

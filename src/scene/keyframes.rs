@@ -67,8 +67,8 @@ pub(super) struct Sampler<'r, 'a> {
 /// Reads and checks samplers.
 pub(super) struct Reader<'r, 'a> {
     accessors: &'r [Accessor<'a>],
-    /// Accessors whose values have been checked: as times, as finite numbers, and as unit quaternions, whose positions
-    /// differ if a sampler has tangents. Samplers may share accessors.
+    /// Indices of accessors whose values have been checked: as times, as finite numbers, and as unit quaternions. Of a
+    /// sampler with tangents (`true`) only each third element is a quaternion. Samplers may share accessors.
     times: HashSet<usize>,
     finite: HashSet<usize>,
     unit: HashSet<(usize, bool)>,
@@ -208,7 +208,8 @@ impl Sampler<'_, '_> {
     /// last.
     pub fn at(&self, seconds: f64, values: Values) -> Result<Vec<f64>> {
         let (mut low, mut high) = (0, self.input.count);
-        // A frame at the time of a key must not come before it, because the file has rounded that time.
+        // The file has rounded the times of keys to f32. A frame at the exact time of a key must not come before the
+        // key.
         let rounded = seconds.max(f64::from(seconds as f32));
         while low < high {
             let middle = low + (high - low) / 2;
@@ -233,8 +234,8 @@ impl Sampler<'_, '_> {
             }
         };
         if values == Values::Rotation {
-            // Splines leave the unit sphere, and rounded keys lie slightly off it. Between opposite keys no rotation is
-            // defined: the earlier key's rotation stays.
+            // Splines leave the unit sphere, and keys lie slightly off it by rounding. The mean of opposite keys has no
+            // direction: the rotation of the earlier key stays.
             let unit = DVec4::from_slice(&result).try_normalize().unwrap_or(rotation(&value(key)?).normalize().into());
             result = unit.to_array().to_vec();
         }

@@ -13,7 +13,8 @@ type Result<T> = std::result::Result<T, String>;
 /// The first bytes of every KTX2 file.
 pub(super) const MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 
-/// Lengths of the header with one level, of its entry in the index of levels, and of the descriptor's largest form.
+/// Bytes of the header before the index of levels, of an entry of this index, and of a data format descriptor: without
+/// and with a second sample, which is alpha in ETC1S.
 const HEADER: usize = 80;
 const LEVEL: usize = 24;
 const DESCRIPTORS: [usize; 2] = [44, 60];
@@ -21,13 +22,13 @@ const DESCRIPTORS: [usize; 2] = [44, 60];
 /// Bytes of a block of 4 x 4 texels in UASTC.
 const UASTC_BLOCK: u64 = 16;
 
-/// Texels that every file may have, 2048 x 2048, and those for each byte beyond that. A run of equal blocks takes a few
-/// bits in ETC1S, and Zstandard has blocks of 128 KiB in 4 bytes.
+/// Texels that every file may have, 2048 x 2048, and texels for each byte of a longer file. A run of equal blocks takes
+/// a few bits in ETC1S, and Zstandard has blocks of 128 KiB in 4 bytes.
 const FREE: u64 = 1 << 22;
 const DENSEST: u64 = 1 << 15;
 
-/// Window of Zstandard that any file may request: that of its usual compression levels. A larger one is not larger than
-/// the content.
+/// Window of Zstandard that any file may request: that of the usual compression levels. Files with more content may
+/// request a window as large as the content.
 const WINDOW: u64 = 8 << 20;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -191,7 +192,7 @@ impl<'a> Ktx2<'a> {
         let words = [0, 1, width, height, 0, 0, 1, 1, u32::from(is_etc1s), at[0] as u32, self.descriptor.len() as u32];
         let mut file = MAGIC.to_vec();
         file.extend(words.iter().flat_map(|word| word.to_le_bytes()));
-        // No key has a value.
+        // There are no key-value data.
         file.extend([0; 8]);
         let uncompressed = if is_etc1s { 0 } else { level.len() };
         let long = [if is_etc1s { at[1] } else { 0 }, global.len(), at[2], level.len(), uncompressed];

@@ -203,9 +203,9 @@ impl Punctual {
     }
 }
 
-/// Minimum and maximum number of points per axis at which an emissive texture is looked up over a triangle: as many as
-/// texels within these bounds. With fewer, the mean of small bright spots is far off, and photons from spots that were
-/// missed carry more flux than can be stored.
+/// Minimum and maximum number of points per axis at which an emissive texture is looked up over a triangle. Within
+/// these bounds there are as many points as texels. With fewer points, the mean of small bright spots is far off, and
+/// photons from spots that were missed carry more flux than can be stored.
 const STRATA: [usize; 2] = [8, 64];
 
 /// The emission of emissive materials, triangle by triangle.
@@ -250,7 +250,7 @@ impl<'a> Emission<'a> {
         }
         let count = (strata * strata) as f32;
         if sum == Vec3::ZERO {
-            // Whatever these points missed fills about one stratum at most.
+            // What these points missed fills at most about one stratum.
             sum = Vec3::splat(self.bright_share(texture, image, &uvs));
         }
         material.emissive * sum / count
@@ -291,8 +291,8 @@ fn count_bright(image: &TextureImage) -> Vec<u32> {
     table
 }
 
-/// Half the edge of the default light, and how far it is from the scene's centre, in radii of the scene's bounding
-/// sphere: near enough for soft shadows.
+/// Half the edge of the default light, and its distance from the scene's centre, in radii of the scene's bounding
+/// sphere. It is near enough for soft shadows.
 const DEFAULT_LIGHT: [f64; 2] = [1.0, 2.4];
 
 /// Direction from the centre to the default light. Like a photographer's key light, it is above, before and to the left

@@ -9,7 +9,8 @@ use super::description::Scene;
 /// surface is viewed.
 const NEAR: f32 = 1e-4;
 
-/// Sine of the angle to the direction that is up below which the direction of view has no upright image of its own.
+/// If the sine of the angle between the view and the direction that is up is smaller, another direction takes its
+/// place.
 const STEEP: f64 = 1e-6;
 
 /// How much a placed camera sees.

@@ -76,8 +76,8 @@ macro_rules! material {
             pub metallic_roughness_texture: Option<TextureInfo>,
             /// Tangent-space normal.
             pub normal_texture: Option<TextureInfo>,
-            /// Ambient occlusion in R. Imported for completeness; global illumination computes occlusion
-            /// itself, so, as in Cycles, it does not darken the image.
+            /// Ambient occlusion in R. Imported for completeness: as in Cycles, it does not darken the image, because
+            /// global illumination computes occlusion itself.
             pub occlusion_texture: Option<TextureInfo>,
             /// Emission (sRGB).
             pub emissive_texture: Option<TextureInfo>,
@@ -408,7 +408,7 @@ impl Reader<'_, '_> {
         m.emissive_texture = self.texture(json, "emissiveTexture", Srgb)?;
         m.emissive = json.numbers_in::<3>("emissiveFactor", 0.0, 0.0..)?.into();
         if m.emissive_texture.is_none() && json.get("emissiveTexture")?.is_some() {
-            // Without the texture that cannot be shown, all of the surface would be a lamp.
+            // Without its texture, which cannot be shown, the whole surface would be a lamp.
             m.emissive = Vec3::ZERO;
         }
         if let Some(emission) = json.extension("KHR_materials_emissive_strength")? {

@@ -16,8 +16,8 @@ const ATTRIBUTES: [(&str, &[usize]); 6] = [
     ("COLOR_0", &[3, 4]),
 ];
 
-/// Attributes that a target may displace only if the primitive has them. For other attributes, a missing one gives a
-/// note.
+/// Attributes that a target must not displace if the primitive lacks them. Other displaced attributes that the
+/// primitive lacks only give a note.
 const SHAPE: [&str; 3] = ["POSITION", "NORMAL", "TANGENT"];
 
 /// Vertex attributes to displace: positions, normals, tangents, two sets of texture coordinates, colours. Each has an

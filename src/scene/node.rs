@@ -18,7 +18,7 @@ pub(super) struct Node<'a> {
     pub json: Json<'a>,
     /// Transform from the node's space to world space. It is finite.
     pub world: DAffine3,
-    /// Neither it nor a node above it is hidden by KHR_node_visibility. Only its camera is there if one is.
+    /// False if KHR_node_visibility hides the node or one above it. Import then takes only its camera.
     pub visible: bool,
 }
 

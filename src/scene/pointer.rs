@@ -1,7 +1,7 @@
 //! Properties of a document that can be animated: by the path of an animation channel, or by a JSON pointer
 //! (KHR_animation_pointer).
 //!
-//! An animated value takes the place of that in the document, and import then reads the document as any other.
+//! An animated value replaces that in the document, which import then reads as any other.
 
 use serde_json::{Map, Value};
 
@@ -11,12 +11,12 @@ use super::keyframes::Values::{self, Rotation, Scalars, Switch, Vector};
 const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 /// Numbers of at least 0.
 const POSITIVE: [f64; 2] = [0.0, f64::INFINITY];
-/// Shares.
+/// Numbers from 0 to 1.
 const UNIT: [f64; 2] = [0.0, 1.0];
 
-/// The known properties: pointer, with `*` for one part and `**` for some, the values of a key, and the range to which
-/// they are clamped, because a spline may leave the range of its keys. A range is left open at an end where import
-/// itself refuses values beyond it.
+/// The known properties: pointer, in which `*` stands for one part and `**` for one or more; the values of a key; and
+/// the range to which they are clamped, because a spline may leave the range of its keys. The range has no end where
+/// import itself refuses values beyond one.
 const KNOWN: &[(&str, Values, [f64; 2])] = &[
     ("/nodes/*/translation", Vector(3), ANY),
     ("/nodes/*/rotation", Rotation, ANY),
@@ -147,7 +147,7 @@ impl Property {
         Ok(Some(Property { pointer: pointer.to_owned(), values, range, is_weight: false }))
     }
 
-    /// Gives the property of `document`, the one in which it was found, these finite numbers.
+    /// Sets the property to these finite numbers in `document`, in which it was found.
     pub fn set(&self, document: &mut Value, numbers: &[f64]) {
         let [low, high] = self.range;
         let mut numbers: Vec<Value> = numbers.iter().map(|x| Value::from(x.clamp(low, high))).collect();
@@ -174,7 +174,7 @@ impl Property {
 }
 
 impl Property {
-    /// Gives a node or mesh without weights of its own those that it has by default: of its mesh, or zeros.
+    /// Gives a node or mesh that states no weights its default ones: those of its mesh, or zeros.
     fn add_weights(&self, document: &mut Value) {
         let mut parts = self.pointer.split('/').skip(1);
         let (Some(list), Some(index)) = (parts.next(), parts.next().and_then(index_of)) else { return };

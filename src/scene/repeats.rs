@@ -13,15 +13,15 @@ use super::mesh::Mesh;
 /// software devices trace them in packets; such a scene needs some 1.6 GB of the host's memory.
 const MAX_COPIED: usize = 1 << 22;
 
-/// Minimum number of triangles of a mesh that is stored once: a copy takes 112 bytes and its share of the upper part of
-/// the BVH, a triangle 64 and more.
+/// Minimum number of triangles of a mesh that is stored once. An instance takes 112 bytes and its share of the upper
+/// part of the BVH, and a copied triangle 64 bytes or more.
 const MIN_TRIANGLES: usize = 4;
 
 /// Maximum number of copies in a file whose meshes are stored once. Each takes up to a kilobyte of the host's memory.
 const MAX_INSTANCES: usize = 1 << 22;
 
-/// Limit of the index that kernels give to a triangle of an instance. Below 2^30 it is no NaN if its bits are read as a
-/// float, nor the index of a procedural object.
+/// Limit of the index that kernels give to a triangle of an instance. Below 2^30 its bits, read as a float, are no NaN,
+/// and it is not the index of a procedural object.
 pub(crate) const MAX_PRIMITIVES: usize = 1 << 30;
 
 /// Decides which meshes are stored once.

@@ -139,7 +139,7 @@ impl<'a> Influences<'a> {
         (0..self.sets[0].weights.len()).any(|i| (sum(i) - 1.0).abs() > SUM_TOLERANCE)
     }
 
-    /// Refuses joints that a skin with `joints` of them, of a node, does not have.
+    /// Refuses joints that the skin of node `node` does not have; it has `joints` of them.
     pub fn check(&self, joints: usize, node: usize) -> Result<()> {
         for set in &self.sets {
             if let Some(joint) = set.highest_joint().filter(|joint| usize::from(*joint) >= joints) {
@@ -150,7 +150,8 @@ impl<'a> Influences<'a> {
         Ok(())
     }
 
-    /// The matrix of a vertex: the mean of the `matrices` of its joints by weight. A vertex without weights stays.
+    /// The matrix of a vertex: the mean of the `matrices` of its joints, by weight; the identity for a vertex without
+    /// weights.
     pub fn matrix(&self, vertex: usize, matrices: &[DAffine3]) -> DAffine3 {
         let (mut sum, mut total) = (DAffine3::ZERO, 0.0);
         for set in &self.sets {

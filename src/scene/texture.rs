@@ -29,7 +29,7 @@ pub enum Wrap {
     Clamp,
 }
 
-/// Magnification filter of a sampler. There are no mip levels, as in Cycles: the samples of the pixel filter minified
+/// Magnification filter of a sampler. As in Cycles there are no mip levels: the samples of the pixel filter minified
 /// textures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum Filter {

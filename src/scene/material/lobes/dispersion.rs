@@ -39,8 +39,8 @@ impl Lobe for Dispersion {
         self
     }
 
-    /// The difference of the indices of refraction of green and red, and of blue and green, which are for the lines d,
-    /// C and F.
+    /// The index of refraction of green light minus that of red light, which is also that of blue minus that of green.
+    /// The colours stand for the lines d, C and F.
     fn texels(&self, context: &LobeContext) -> Vec<[f32; 4]> {
         let above_one = context.ior - 1.0;
         // The index for red stays above 1.

@@ -76,17 +76,17 @@ impl Lobe for Sheen {
 const COLUMNS: u32 = 63;
 const ROWS: u32 = 31;
 
-/// Less rough fibres would reflect at grazing angles only, more than 2.7 times what they get: the minimum of
-/// three.js and Filament as well.
+/// Minimum roughness, also that of three.js and Filament. Smoother fibres would reflect at grazing angles alone, and
+/// more than 2.7 times the light that they receive.
 pub(crate) const MIN_ROUGHNESS: f64 = 0.07;
 
 /// Minimum cosine of a view to the fibres, as in the kernels.
 const MIN_COSINE: f64 = 1e-4;
 
-/// Factor by which the table is raised: interpolation can be too low by 0.14 %, and the error must not create light.
+/// Factor on the entries of the table. Interpolation can be too low by 0.14 %, and this error must not create light.
 const RAISED: f64 = 1.0015;
 
-/// Points of the quadrature each way. Twice as many change no entry by 1e-4.
+/// Points of the quadrature along each of its two axes. Twice as many change no entry by 1e-4.
 const POINTS: usize = 48;
 
 /// The albedos from which kernels interpolate: for each cell the entries at its corners, by rows. An entry is the

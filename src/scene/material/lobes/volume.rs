@@ -16,7 +16,8 @@ pub struct Volume {
     pub attenuation_colour: Vec3,
 }
 
-/// Indices of refraction nearer to 1 bend light by less than its half vector, a difference, has digits for.
+/// Minimum difference of a relative index of refraction from 1. Nearer to 1, the half vector of refraction is a
+/// difference of almost equal vectors with too few digits, so light passes straight.
 pub(super) const MIN_BENDING: f32 = 1e-3;
 
 impl Volume {
