@@ -1,5 +1,5 @@
-//! Kernels as the device takes them: written once, for a device that has all that kernels use, they are adapted where
-//! it has not.
+//! Kernels as the device takes them. A kernel is written for a device that has all that kernels use; for a device that
+//! lacks some of it, the kernel is adapted.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -100,7 +100,7 @@ fn with_sampled_textures(wgsl: &str, kept: usize) -> String {
     })
 }
 
-/// Where the parenthesis is that closes those that begin before `begin`.
+/// Position of the parenthesis that closes the one just before `begin`.
 fn end_of_arguments(wgsl: &str, begin: usize) -> usize {
     let mut open = 1;
     for (at, c) in wgsl[begin..].char_indices() {

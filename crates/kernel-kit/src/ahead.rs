@@ -19,11 +19,12 @@ use crate::kernel::BoundKernel;
 use crate::pipeline::{Entry, Interface, Undispatched, Variable};
 use crate::uniforms::{First, GROUP, Uniforms};
 
-/// A dispatch over nothing that takes longer had to translate its kernel: from the cache that takes 1 to 4 ms, and else
-/// 20 ms for the smallest kernels (lavapipe of Mesa 22.3).
+/// A dispatch over nothing that takes longer had to translate its kernel. Taking the kernel from the cache takes 1 to 4
+/// ms; translating takes 20 ms for the smallest kernels (lavapipe of Mesa 22.3).
 const TRANSLATED: Duration = Duration::from_millis(15);
 
-/// Kernels that were not in the cache before all others are taken not to be: one may be late on a busy machine.
+/// After this many kernels that were not in the cache, all others are expected not to be. A single one may only have
+/// been late on a busy machine.
 const SURE: usize = 2;
 
 impl Gpu {
@@ -41,7 +42,7 @@ impl Gpu {
         }
         // Small kernels show soonest whether the cache has them.
         waiting.sort_by_cached_key(|kernel| kernel.entry.interface.inlined_size(&kernel.source));
-        // Otherwise the time of pending uploads would count for the first kernel.
+        // Otherwise the time of pending uploads would count as that of the first kernel.
         self.wait("uploads")?;
         let submit = |commands| self.submit([commands]);
         let (device, queue) = (&self.device, &self.queue);
@@ -270,8 +271,8 @@ impl Resource {
     }
 }
 
-/// The size of a small texture for which kernels are translated alike: whether sides are powers of two is what counts
-/// (llvmpipe).
+/// The size of a small texture for which llvmpipe translates kernels as for `texture`: all that counts is whether its
+/// sides are powers of two.
 fn alike(texture: &wgpu::Texture) -> wgpu::Extent3d {
     let side = |length: u32| if length.is_power_of_two() { 1 } else { 3 };
     wgpu::Extent3d { width: side(texture.width()), height: side(texture.height()), depth_or_array_layers: 1 }

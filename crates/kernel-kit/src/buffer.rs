@@ -18,8 +18,9 @@ impl Buffer {
         &self.raw
     }
 
-    /// `bytes` of the buffer from `first_byte` on, for kernels that need no more: one that binds the whole takes a
-    /// single binding, and devices allow few. A dispatch cannot write one part and only read another.
+    /// `bytes` of the buffer from `first_byte` on, for a kernel that needs no more. Devices allow few bindings: a
+    /// kernel that needs all parts can bind the whole buffer as one. A dispatch cannot write one part and only read
+    /// another.
     ///
     /// # Panics
     /// If the part does not lie in the buffer, or begins where bindings cannot: at no multiple of [`PART_ALIGNMENT`].
@@ -78,8 +79,8 @@ pub fn whole_rows(records: usize) -> usize {
     records.next_multiple_of(TABLE_WIDTH as usize).max(TABLE_WIDTH as usize)
 }
 
-/// Rows of the texture of a table that has some to fill. Never a power of two: drivers on the CPU (llvmpipe) translate
-/// a kernel once more for textures that are as high as that.
+/// Rows of the texture of a table with `rows` rows of records. The height is never a power of two: drivers on the CPU
+/// (llvmpipe) translate a kernel once more for textures of such a height.
 pub(crate) fn table_rows(rows: u32) -> u32 {
     match rows {
         0..3 => 3,
@@ -87,12 +88,13 @@ pub(crate) fn table_rows(rows: u32) -> u32 {
     }
 }
 
-/// Value that fills buffers before a kernel under test runs. It is no small count and, read as a float, is NaN, so that
-/// a word that the kernel did not write shows.
+/// Value that fills buffers before a kernel under test runs. It is not a small count and, read as a float, it is NaN,
+/// so a word that the kernel did not write shows.
 pub const POISON: u32 = 0xffff_dead;
 
 /// Bytes of the smallest buffer that is not empty: a `vec4` is 16 bytes.
 pub(crate) const MIN_BYTES: u64 = 16;
 
-/// Bytes of a buffer of no elements: a binding must have room for one, and structs in arrays of kernels are smaller.
+/// Bytes of a buffer of no elements. A binding must have room for one element, and the structs in arrays of kernels are
+/// smaller than this.
 pub(crate) const EMPTY_BYTES: u64 = 256;

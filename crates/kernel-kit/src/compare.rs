@@ -126,7 +126,7 @@ pub fn ulps(a: f32, b: f32) -> Option<u32> {
     (a.is_finite() && b.is_finite()).then(|| ordered(a).abs_diff(ordered(b)) as u32)
 }
 
-/// For a fault that was planted in a kernel: the comparison must have failed. Returns how it did.
+/// For a fault that was planted in a kernel: the comparison must have failed. Returns its mismatch.
 ///
 /// # Panics
 /// If it has not: the test would not find that fault.

@@ -160,8 +160,7 @@ impl wesl::Resolver for Sources<'_> {
     }
 }
 
-/// The text of a module, if the composer reads it as it is meant: wesl 0.4.0 makes 2^-36 of the hexadecimal float
-/// `0x1p-9`.
+/// The text of a module. Refuses hexadecimal floats, because wesl 0.4.0 misreads them: it makes 2^-36 of `0x1p-9`.
 fn read(text: &str) -> std::result::Result<Cow<'_, str>, wesl::ResolveError> {
     let code = text.lines().map(|line| line.split("//").next().unwrap_or_default());
     let mut words = code.flat_map(|line| line.split(|c: char| !c.is_ascii_alphanumeric() && c != '.'));

@@ -48,7 +48,8 @@ pub struct Gpu {
     submissions: RwLock<()>,
 }
 
-/// Tables are buffers only where the device allows at least as many of a stage: a kernel's own, and a dozen tables.
+/// Tables are buffers only where a shader stage may have at least this many storage buffers: those of the kernel
+/// itself, and a dozen tables.
 const TABLE_BUFFERS: u32 = 24;
 
 /// How many kernels the driver has translated.
@@ -113,10 +114,10 @@ impl Gpu {
         Ok(Gpu::new(adapter, device, queue, limits))
     }
 
-    /// Takes a device that the caller has opened. If it was opened with the feature `IMMEDIATES` and a
-    /// `max_immediate_size` that holds the parameters of the kernels, these are immediates, else a uniform buffer.
-    /// Passes are timed if it was opened with `TIMESTAMP_QUERY`, and kernels may use subgroups if with `SUBGROUP`. The
-    /// device's callbacks for uncaptured errors and for its loss are replaced by the kit's: [`Gpu::check`] returns the
+    /// Takes a device that the caller has opened. The parameters of kernels are immediates if it was opened with the
+    /// feature `IMMEDIATES` and a `max_immediate_size` that holds them, else they are in a uniform buffer. Passes are
+    /// timed if it was opened with `TIMESTAMP_QUERY`, and kernels may use subgroups if it was opened with `SUBGROUP`.
+    /// The kit replaces the device's callbacks for uncaptured errors and for its loss: [`Gpu::check`] returns the
     /// errors that they received.
     pub fn from_wgpu(adapter: wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Gpu {
         Gpu::new(adapter, device, queue, DeviceLimits::Own)
@@ -149,7 +150,7 @@ impl Gpu {
             && (info.is_software() || limits.max_storage_buffers_per_shader_stage < TABLE_BUFFERS);
         let adaptation = adapted::Device {
             without_immediates: !features.contains(wgpu::Features::IMMEDIATES),
-            // Nothing watches a software device.
+            // No watchdog resets a software device.
             sliced: !info.is_software() || requested != DeviceLimits::Own,
             max_storage_textures: limits.max_storage_textures_per_shader_stage,
         };
@@ -233,7 +234,7 @@ impl Gpu {
         lock(&self.watch).clone()
     }
 
-    /// Number of kernels that are kept, when those have been made that are under way.
+    /// Number of kept kernels. Waits for those that other threads are making.
     pub fn kept_kernels(&self) -> usize {
         let kept: Vec<_> = self.kept().iter().flat_map(Kept::values).cloned().collect();
         kept.iter().filter(|kernel| lock(kernel).is_some()).count()
@@ -254,14 +255,14 @@ impl Gpu {
         self.slicer.get_or_init(|| Slicer::new(&self.device))
     }
 
-    /// From now on passes seem to take `factor` times as long as they do, to what slices them: for tests.
+    /// From now on passes are sliced as if they took `factor` times as long as they do: for tests.
     pub fn pretend_slower(&self, factor: f64) {
         self.pace().pretend_slower(factor);
     }
 
-    /// Slices of dispatches so far: where something may reset a device that is long busy, and with limits other than
-    /// [`DeviceLimits::Own`], passes that take long are divided into several dispatches, by the times they took
-    /// before.
+    /// Number of slices so far. Passes that take long are divided into several dispatches, by the times that they took
+    /// before. This is done on devices that a driver may reset if they are busy for long, and with limits other than
+    /// [`DeviceLimits::Own`].
     pub fn slices(&self) -> u64 {
         self.pace().sliced()
     }
@@ -307,7 +308,7 @@ impl Gpu {
         }
     }
 
-    /// Loses the device, as a driver does that resets it, whatever is under way: for tests of what then follows.
+    /// Loses the device, whatever is under way, as when a driver resets it: for tests of what follows.
     pub fn lose(&self) {
         self.device.destroy();
         *lock(&self.fault) = Some(Fault::Lost("it was lost on purpose".to_owned()));

@@ -9,8 +9,8 @@ use crate::digest::digest;
 use crate::error::Result;
 use crate::feature::{Feature, Features};
 
-/// Files that the folder may hold. A scene needs one to two dozen, of 5 to 60 KB each: enough for some fifty scenes
-/// that differ in what they need.
+/// Maximum number of files in the folder. A scene needs one to two dozen, of 5 to 60 KB each, so this is enough for
+/// some fifty scenes that differ in what they need.
 const MAX_FILES: usize = 1024;
 
 /// Identifies the composer: with another version, kernels are composed anew. The manifest has the version of wesl.

@@ -4,22 +4,22 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Seconds that a slice of a pass is to take. An eighth of what watchdogs allow: a pass may take several times longer
-/// than the one of its name before, whose time is all that is known.
+/// Target for the seconds of a slice. This is an eighth of what watchdogs allow: all that is known of a pass is the
+/// time of the one before of the same name, and it may take several times longer.
 const SLICE_SECONDS: f64 = 0.25;
 /// Workgroups of a slice of a pass that has not run yet: 16,384 paths of 64 invocations a workgroup, which take
 /// milliseconds on a GPU.
 const FIRST_GROUPS: u32 = 256;
-/// An indirect dispatch is taken to be this many times as long as the last one: queues grow.
+/// An indirect dispatch is expected to be this many times as long as the last one, because queues grow.
 const GROWTH: f64 = 2.0;
 /// Slices of an indirect dispatch that has not run yet.
 const FIRST_SLICES: u32 = 16;
 /// Maximum number of slices of an indirect dispatch, whose size the host does not know.
 pub(crate) const MAX_SLICES: u32 = 64;
 
-/// The times of passes by label, as upper bounds: what is submitted is timed until the host waits for it, and each pass
-/// of it counts as if it had taken the whole time. Passes are sliced a little more than they need be; but this holds
-/// where there are no timestamps, too.
+/// The times of passes by label, as upper bounds. What is submitted is timed until the host waits for it, and each of
+/// its passes counts as if it had taken the whole time. So passes are sliced a little more than necessary, but no
+/// timestamps are needed.
 pub(crate) struct Pace {
     /// Factor by which the device is taken to be slower than it seems, for tests.
     slowness: f64,

@@ -232,7 +232,7 @@ impl Interface {
             entry_point: Some(&self.entry),
             compilation_options: wgpu::PipelineCompilationOptions {
                 constants: &constants,
-                // Kernels write their shared memory before they read it; clearing it first is work for nothing.
+                // Kernels write their shared memory before they read it, so clearing it first would be wasted work.
                 zero_initialize_workgroup_memory: false,
             },
             cache: None,

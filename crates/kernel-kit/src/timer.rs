@@ -45,7 +45,7 @@ impl Timer {
         Some((queries.clone(), index * 2))
     }
 
-    /// The timestamps are to be read before many more passes.
+    /// Whether the timestamps must be read before many more passes.
     pub(crate) fn nearly_full(&self) -> bool {
         self.pending.len() as u32 > PASSES / 2
     }
