@@ -6,15 +6,15 @@ use glam::{DQuat, DVec3};
 
 use crate::scene::{Camera, Extent, LookAt, Projection, Scene};
 
-/// Angle from the direction that is up at which an orbit stops, in radians: beyond it, up and down of the image would
-/// change sides.
+/// Minimum angle in radians between the view and the direction that is up, or its opposite. An orbit stops there:
+/// beyond it, up and down of the image would change sides.
 const STEEPEST: f64 = 0.01;
 
-/// Digits that are kept of a position, by the size of the scene: a pixel of a large image sees less, and short numbers
-/// make short commands.
+/// Decimal digits that are kept of a position, relative to the size of the scene. The last one is finer than a pixel of
+/// a large image, and short numbers make short commands.
 const DIGITS: i32 = 6;
 
-/// Height of the right axis of a camera that counts as upright: rounding leaves less.
+/// A camera counts as upright if its right axis rises or falls by less than this. Rounding leaves less.
 const LEVEL: f64 = 1e-5;
 
 /// Turns the camera about its target: `right` = 1 is half a turn to the right, `up` = 1 is half a turn upward. The
@@ -65,7 +65,8 @@ pub fn fly(view: &LookAt, way: DVec3) -> LookAt {
     LookAt { from: view.from + way, at: view.at + way, ..*view }
 }
 
-/// Looks at another point, on the way to which the camera keeps a share of the distance: it stays in sight.
+/// Looks at another point, after moving straight towards it until `share` of the distance is left. So the point stays
+/// in sight.
 pub fn centre(view: &LookAt, at: DVec3, share: f64) -> LookAt {
     match view.extent {
         Extent::FieldOfView(_) => LookAt { from: at + share * (view.from - at), at, ..*view },

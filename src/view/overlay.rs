@@ -119,7 +119,7 @@ pub struct Display {
     pub denoised: bool,
 }
 
-/// Bytes of a class's colour.
+/// Colours of the classes, by their codes: dark, lit, shadowed, boundary, unknown.
 const CLASS_COLOURS: [[u8; 3]; Class::COUNT] =
     [[0, 0, 0], [240, 200, 40], [40, 80, 200], [220, 40, 40], [128, 128, 128]];
 
@@ -129,8 +129,8 @@ const SHADOW: [u8; 3] = [70, 130, 255];
 /// Share of the picture's brightness behind photons.
 const BEHIND_PHOTONS: f32 = 0.4;
 
-/// How much deeper than the pixel's own surface a photon may be and still be shown: photons lie on the surface, whose
-/// depth varies across the pixel.
+/// How much deeper than the pixel's own surface a photon may be and still be shown, as a share of the depth. Photons
+/// lie on the surface, whose depth varies across the pixel.
 const PHOTON_DEPTH: f64 = 0.02;
 
 /// Relative errors that are shown black and white, as powers of ten.

@@ -19,13 +19,14 @@ use crate::render::film::View;
 /// Width of the panel in points.
 pub const WIDTH: f32 = 270.0;
 
-/// Points of scrolling, as of a step of a mouse's wheel, that bring the camera nearer by a factor of e^(1/5).
+/// Points of scrolling that bring the camera nearer by a factor of e. A step of a mouse wheel is 40 points (egui).
 const SCROLL_STEP: f64 = 250.0;
 
 /// Shares of the scene's size that the camera flies in a second.
 const FLIGHT: f64 = 0.7;
 
-/// Longest time between two pictures of the panel that a flight counts, in seconds: the first follows a rest.
+/// Maximum seconds that a flight counts between two pictures of the panel: before the first one the panel may have
+/// rested for long.
 const MAX_STEP: f32 = 0.1;
 
 /// Largest f-number of the panel; beyond, everything is sharp.

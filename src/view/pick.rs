@@ -18,8 +18,8 @@ pub struct Hit {
     pub depth: f64,
 }
 
-/// The nearest surface at a point of the image, from 0 to 1 each way from the top left. Pixels of textures that let
-/// rays pass do so here, too, only if the whole material does; objects that are functions are met at their boxes.
+/// The nearest surface at a point of the image, from 0 to 1 each way from the top left. Materials and textures that let
+/// light pass count as opaque, and procedural objects as their boxes.
 pub fn pick(scene: &Scene, camera: &Camera, [width, height]: [u32; 2], [x, y]: [f32; 2]) -> Option<Hit> {
     let (origin, way) = CameraUniform::new(camera, width, height).ray([x, y].map(f64::from));
     // Multiples of the direction are depths.

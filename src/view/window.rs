@@ -391,7 +391,7 @@ fn painter(gpu: &Gpu, format: wgpu::TextureFormat) -> egui_wgpu::Renderer {
     egui_wgpu::Renderer::new(&gpu.device, format, options)
 }
 
-/// A format without the transfer function, which the pixels have already.
+/// A format that does not apply the sRGB transfer function, which the pixels have already.
 fn format(surface: &wgpu::Surface<'_>, gpu: &Gpu) -> Result<wgpu::TextureFormat> {
     let formats = gpu.surface_formats(surface);
     let format = formats.iter().find(|format| !format.is_srgb()).or(formats.first());

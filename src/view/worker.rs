@@ -10,7 +10,8 @@ use super::session::{Command, Session, Snapshot, State};
 use super::watch::{INTERVAL, Watch};
 use crate::{Error, Result};
 
-/// How often a device may be lost without a new picture: if it is lost again and again, the scene is the cause.
+/// How often devices may be lost in succession without a new picture. If they are lost again and again, the scene is
+/// the cause.
 const MAX_LOSSES: u32 = 3;
 
 /// An event that a worker sends to the window.

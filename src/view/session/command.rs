@@ -30,11 +30,11 @@ pub enum Command {
     Aperture(Option<f64>),
     /// See the whole scene from this side.
     FrameAll,
-    /// Look at what is at a point of the image, from 0 to 1 each way, from nearer.
+    /// Move nearer to what is at a point of the image, from 0 to 1 each way, and look at it.
     FrameAt([f32; 2]),
-    /// Take a camera.
+    /// See through another camera.
     Camera(Viewpoint),
-    /// Set all else but the size of the picture.
+    /// Set all choices but the size of the picture.
     Choose(Box<Choices>),
     /// Set the size of the picture.
     Resize([u32; 2]),

@@ -100,7 +100,7 @@ impl<'g> Session<'g> {
         self.is_stale |= !moves;
     }
 
-    /// How long the next step can wait if nothing is to be done; `None` means for ever.
+    /// How long the next step can wait if there is nothing else to do; `None`: until a command comes.
     pub fn wait(&self) -> Option<Duration> {
         let moved = self.state.moved.filter(|_| self.was_moving);
         moved.map(|moved| SETTLED.saturating_sub(moved.elapsed()))
@@ -150,7 +150,7 @@ impl<'g> Session<'g> {
         if took > 2 * MOVING_PICTURE {
             self.state.divisor = (2 * self.state.divisor).min(MAX_DIVISOR);
         } else if took < MOVING_PICTURE / 4 {
-            // A quarter as many pixels take more than a quarter of the time.
+            // Four times as many pixels take less than four times as long.
             self.state.divisor = (self.state.divisor / 2).max(1);
         }
     }

@@ -31,7 +31,7 @@ pub(super) struct Render<'g> {
     pub eye: Eye,
     pub camera: Camera,
     pub size: [u32; 2],
-    /// It is seen for a moment only.
+    /// It is shown only while the camera moves, or before the picture.
     pub is_preview: bool,
     /// It is the first picture.
     pub is_first: bool,
@@ -45,7 +45,7 @@ impl Render<'_> {
             self.renderer.preview(&camera, size)?;
         } else {
             self.renderer.set_view(&camera, size)?;
-            // It may have made others.
+            // The renderer may have emitted other photons.
             self.photons = None;
         }
         (self.eye, self.camera, self.size) = (eye.clone(), camera, size);

@@ -34,7 +34,7 @@ pub struct State {
     pub(super) is_complete: bool,
     pub(super) seconds: f64,
     pub(super) picked: Option<Picked>,
-    /// The point of what was picked is to be found once the picture is there.
+    /// Whether the shading point of the picked pixel must be found once the picture is there.
     pub(super) is_point_due: bool,
 }
 
