@@ -94,8 +94,8 @@ fn limit_of_reference(entrants: &[MeasuredEntrant], reference: &Reference) -> Op
     let unresolved = |measured: &&MeasuredEntrant| measured.report.finding.kind == FindingKind::Reference;
     let unresolved: Vec<Entrant> = entrants.iter().filter(unresolved).map(MeasuredEntrant::entrant).collect();
     let subject = match unresolved.as_slice() {
-        // A single entrant is distinguished from the others. Its true error is hidden if the reference fell short of
-        // its goal.
+        // A single unresolved entrant is still told apart from the others. Only its true error is hidden, and that is
+        // worth saying if the reference fell short of its goal.
         [one] if reference.is_short() => format!("The error of {one} is"),
         [_, _, ..] => "Some errors are".to_owned(),
         _ => return None,

@@ -11,7 +11,8 @@ use super::reference::Reference;
 use super::run::Run;
 use crate::{Error, Image, Result};
 
-/// Maximum bytes of the images in the page: what a browser still opens at once. The last images have precedence.
+/// Maximum bytes of the images in the page, which a browser still opens at once. If there are more, the first images of
+/// each entrant are left out.
 const MAX_BYTES: usize = 48 << 20;
 
 /// Bytes of a pixel: three half-precision floats.

@@ -42,7 +42,7 @@ const COLOURS: [RGBColor; 11] = [
 /// The colour of passes without a legend entry of their own.
 const OTHERS: RGBColor = RGBColor(140, 140, 140);
 
-/// Pixels for a letter of a name beside a bar, with the text's margin, and for the shortest names.
+/// Pixels for a letter of a name beside a bar, and minimum pixels for all names.
 const LETTER: i32 = 8;
 const MIN_NAMES: i32 = 130;
 
@@ -237,7 +237,7 @@ impl<'a> Legend<'a> {
         Legend { names, own }
     }
 
-    /// A part's place among the entries, the last one for all parts without an own one.
+    /// The index of a part among the entries. All parts without an entry of their own have the last one.
     fn place(&self, name: &str) -> usize {
         self.names[..self.own].iter().position(|own| *own == name).unwrap_or(self.own)
     }

@@ -7,14 +7,16 @@ use super::run::Subject;
 use crate::settings::{Aov, Denoise, Sampling, Settings};
 use crate::{Image, Renderer, Result, Technique};
 
-/// Pixels of the small images. Times grow by a constant and a part in proportion to the pixels, so two sizes tell both.
-/// Images much smaller than these have more irradiance records for a pixel than large ones.
+/// Pixels of the small images. Times are a constant plus a part in proportion to the pixels, so two sizes determine
+/// both. Images much smaller than these have more irradiance records for a pixel than large ones.
 const PIXELS: [f64; 2] = [6400.0, 25_600.0];
 
-/// Samples of each after which photons have been emitted, and their trial has ended: what comes before is paid once.
+/// Samples of each small image after which photons have been emitted and their trial has ended. What comes before is
+/// paid once.
 const SET_UP: u32 = 8;
 
-/// Samples of each in all. The last ones show what further samples cost, with the rays that records get meanwhile.
+/// Samples of each small image in all. The last ones show what further samples cost, with the gather rays that records
+/// get meanwhile.
 const SAMPLES: u32 = 24;
 
 /// The techniques among which `auto` and its trial of photons choose.
@@ -126,8 +128,8 @@ fn noise(image: &Image) -> f64 {
     squares.iter().sum::<f64>() / (3 * image.pixels()) as f64
 }
 
-/// The value at `pixels` on the line through two points. It neither falls with the pixels nor begins below 0: where
-/// noise of the times says so, they are taken as proportional to the pixels.
+/// The value at `pixels` on the line through two points. If noise in the times makes the line fall with the pixels, or
+/// begin below 0, the times are taken as proportional to the pixels.
 fn extrapolated([(x0, y0), (x1, y1)]: [(f64, f64); 2], pixels: f64) -> f64 {
     let slope = (y1 - y0) / (x1 - x0);
     if slope.is_finite() && slope >= 0.0 && y0 >= slope * x0 { y1 + slope * (pixels - x1) } else { y1 * pixels / x1 }

@@ -41,7 +41,7 @@ pub struct Reference {
     pub goal: Option<f64>,
 }
 
-/// When a reference is complete: at the first of the two.
+/// When a reference is complete: as soon as it has reached the standard error or has taken the time.
 #[derive(Clone, Copy, Debug)]
 pub struct Goal {
     /// See [`Reference::standard_error`].
@@ -297,7 +297,7 @@ impl Half {
             s.image.seed = seed;
             s.image.spp = Settings::UNLIMITED_SPP;
             s.image.aovs = Vec::new();
-            // It is biased, and references serve reports without it too.
+            // A limit biases the image, and references serve reports without one too.
             s.indirect.clamp = None;
         }))
     }

@@ -155,8 +155,8 @@ impl Starter {
             subject.gpu.wait("warm-up")?;
         }
         if self.entrant().is_denoised() {
-            // The first filter compiles. The others tell how long before a budget sampling has to end: the shorter of
-            // the two, as a machine that did other work meanwhile could leave no time for samples.
+            // The first filter compiles. The others tell how long before a budget sampling has to end. The shorter of
+            // the two counts: if the machine did other work during the longer one, no time would be left for samples.
             let mut took = [0.0; 3];
             for seconds in &mut took {
                 let start = Instant::now();

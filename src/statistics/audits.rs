@@ -16,7 +16,7 @@ pub struct Audits {
     pub miss_bias_interval: [f64; 2],
 }
 
-/// Decided points of one kind: what share of all points they are, how many were audited, how many of these wrong.
+/// Decided points near boundaries, or those away from them: their share of all points, and their audits.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stratum {
@@ -69,8 +69,9 @@ pub(crate) fn wilson(part: u64, whole: u64) -> (f64, f64) {
     ((p + Z * Z / (2.0 * n)) / scale, Z / scale * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt())
 }
 
-/// If both kinds have at least this many, Wilson's interval is used instead of Jeffreys': they differ by at most a
-/// fiftieth of their width, and the continued fraction of the beta distribution would need ever more steps.
+/// If there are at least this many wrong audits and as many right ones, Wilson's interval replaces Jeffreys'. They
+/// differ by at most a fiftieth of their width, and the continued fraction of the beta distribution would need ever
+/// more steps.
 const MANY: u64 = 1000;
 
 /// The 95 % Jeffreys interval of a share that is estimated by `part` of `whole` (Brown, Cai and DasGupta 2001). With

@@ -26,8 +26,8 @@ pub struct Statistics {
     pub device: DeviceInfo,
     /// The settings, as they were used.
     pub settings: Settings,
-    /// Samples of a pixel that were rendered; with [`ImageSettings::noise`](crate::settings::ImageSettings::noise) of
-    /// those that have most.
+    /// Samples of a pixel that were rendered. With [`ImageSettings::noise`](crate::settings::ImageSettings::noise), of
+    /// the pixels that have most.
     pub samples: u32,
     /// Mean number of samples of a pixel.
     pub mean_samples: f64,
@@ -106,7 +106,7 @@ pub struct Points {
     /// Boundary and unknown points over all.
     pub boundary_share: f64,
     /// Share of the boundary and unknown points whose light points were neither all visible nor all occluded: a lower
-    /// bound of `fill`, and close to it for many light points.
+    /// bound of the share in penumbrae, and close to it for many light points.
     pub fill_seen: f64,
 }
 
@@ -161,12 +161,12 @@ pub struct Indirect {
 pub struct Conditioning {
     /// Values that were not finite, by the pass that made them.
     pub not_finite: NotFinite,
-    /// Sums of a pixel beyond 2^104, once for each of the batches that left them there, and squares that are left out
-    /// of their sum because it would overflow.
+    /// Sums of a pixel beyond 2^104, once for each batch that left them there, and squares that are left out of their
+    /// sum because it would overflow.
     pub near_overflow: u64,
     /// Points for which the visibility map had too few photons; see [`Points::unknown`].
     pub unknown: u64,
-    /// Irradiance records of the smallest radius: three pixels, and less as their rays come.
+    /// Irradiance records of the minimum radius: three pixels, and less for records with more than 128 gather rays.
     pub min_radius_records: u64,
     /// Paths whose weight rose above 8 after Russian roulette.
     pub heavy_paths: u64,
@@ -177,7 +177,8 @@ pub struct Conditioning {
     pub procedural_overruns: u64,
     /// Rays that passed through a procedural object because its function returned an invalid result.
     pub procedural_invalid: u64,
-    /// Mean number of bounces of a photon of the global map, or of a path where there is no such map.
+    /// Mean number of bounces of a photon of the global map, or of a path where there is no such map, rounded to an
+    /// integer.
     pub mean_bounces: u64,
     /// Devices that were lost and replaced during the render.
     pub devices_lost: u64,

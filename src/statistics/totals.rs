@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::statistics::{Audits, Counter, Indirect, LightPhotons, Points, Rays, Stratum};
 use crate::{Error, Result};
 
-/// Maximum share of samples that may exceed the loop budget. The image is then the mean of the others: a thousandth
+/// Maximum share of samples that may exceed the loop budget. The image is then the mean of the others. A thousandth
 /// does not show, and a scene full of overlapping layers is far above it.
 const MAX_OVERRUNS: f64 = 1e-3;
 
@@ -202,14 +202,14 @@ impl Totals {
         [near, away]
     }
 
-    /// Audits near boundaries, and away from them. Earlier audits are scaled by the share of decided points that came
-    /// before the latest batch, so that later audits have more weight. This is because each mistake found divides its
-    /// cell, and mistakes become rare as samples are added.
+    /// Audits near boundaries, and away from them. Later audits have more weight: earlier ones are scaled by the share
+    /// of decided points that came before the latest batch. This is because each mistake that is found divides its
+    /// cell, so that mistakes become rare as samples are added.
     pub fn recent_audits(&self) -> [RecentAudits; 2] {
         self.recent_audits
     }
 
-    /// Adds the audits of a batch, from what the totals were `before` it: batches have different probabilities of
+    /// Adds the audits of a batch; `before` are the decided points before it. Batches have different probabilities of
     /// audits.
     pub fn add_audits(&mut self, before: &[Decided; 2]) {
         for (i, (now, before)) in self.decided_points().iter().zip(before).enumerate() {

@@ -46,7 +46,7 @@ pub static ALBEDO: Family = Family {
 
 const ABSORBED: [f64; 8] = [0.5, 0.2, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
 
-/// Bound of furnaces.
+/// Bound of the open furnace by `path`, whose error is smaller at any albedo (docs/stability.md).
 const FURNACE: f64 = 1e-3;
 
 /// Twice the noise of the indirect light, which all points share and which comes from some ten thousand photons in

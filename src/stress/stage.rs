@@ -78,7 +78,7 @@ pub struct Part {
 pub struct PointLight {
     /// In world space.
     pub position: DVec3,
-    /// Radiant intensity per steradian.
+    /// Radiant intensity, as in glTF.
     pub intensity: f64,
 }
 
