@@ -89,7 +89,8 @@ enum Ending {
     Done,
     /// `compare`: the error is above the limit; `check`: a case did not pass.
     AboveLimit,
-    /// Stopped by a signal. `render` and `report` have written what was finished; `check` writes nothing.
+    /// Stopped by a signal. `render` has written the image so far, and `report` a report if there are enough runs for
+    /// one. `check` has written nothing.
     Stopped,
 }
 

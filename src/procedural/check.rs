@@ -24,7 +24,7 @@ const MAX_DEPTH: usize = 100;
 const MAX_VALUE_BYTES: u32 = 4096;
 
 /// Stack size for parsing a file of [`MAX_BYTES`]. Naga recurses for every operator of a sum, with some hundred bytes
-/// per level.
+/// per level. An operator and its operand are two bytes of the file or more, so this leaves 8 KiB for each level.
 const STACK_BYTES: usize = 1 << 28;
 
 /// Prefix of the names that the composer gives to functions and to the counter.
