@@ -269,12 +269,14 @@ fn focuses(s: Surface) -> bool {
 }
 
 // Minimum alpha of a dielectric layer that is met by a ray of a diffuse surface. A layer shows a light without a size
-// as bright as 1 / alpha^2: a smooth pane in scenes/still_life.glb made a record a thousand times too bright.
+// as bright as 1 / alpha^2: a smooth pane in scenes/still_life.glb made a record a thousand times too bright
+// (docs/decisions.md, "Lights in smooth layers").
 const MIN_INDIRECT_ALPHA = 0.3;
 
 // The surface as rays in a cone of directions see it; `spread` is 1 for those of a Lambertian surface, and less for a
 // narrower cone. Its dielectric layers are as rough as the cone is wide (Kaplanyan and Dachsbacher 2013, path space
-// regularisation). What reflects or refracts more stays as it is: the caustic map has its light.
+// regularisation). Metals, films and surfaces that transmit light (`reflects_more`) stay as they are: the caustic map
+// has their light.
 @if(global_map && glossy)
 fn blurred_surface(s: Surface, spread: f32) -> Surface {
     var seen = s;
@@ -287,8 +289,8 @@ fn blurred_surface(s: Surface, spread: f32) -> Surface {
 }
 
 // The ratio of reflected radiance to irradiance, where a path ends. A dielectric layer counts with its mean
-// reflectance, spread as the base's light is: traced paths would find its highlights of small lights with few rays,
-// each as bright as the light.
+// reflectance, spread as the base's light is. If paths were traced instead, few rays would hit the layer's highlights
+// of small lights, and each would be as bright as the light.
 fn bsdf_seen_afar(s: Surface) -> vec3f {
     @if(glossy) {
         if !reflects_more(s) {
@@ -372,8 +374,8 @@ struct BsdfSample {
     @if(glossy) residual: vec3f,
     // Density by solid angle; 0 if the direction enters a surface that does not transmit, which ends the path.
     pdf: f32,
-    // The change of radiance over that of flux: refraction into a medium of another index scales radiance, but not a
-    // photon's flux.
+    // `weight` is for radiance. Over this it is for a photon's flux, which refraction into a medium of another index
+    // does not scale.
     @if(transmission) concentration: vec3f,
 }
 
@@ -416,7 +418,7 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
     }
 }
 
-// A density that no bound holds for: that of light that passes through the surface.
+// Stands for a density without an upper bound: that of light that passes through the surface.
 @if(glossy) const UNBOUNDED_DENSITY = 1e30;
 
 // Upper bound of `bsdf_pdf` over all directions; 0 for surfaces whose BSDF is diffuse alone, so that `bsdf_residual` is

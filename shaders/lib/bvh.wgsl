@@ -266,7 +266,8 @@ fn open_node(traversal: ptr<function, Traversal>, node: u32, tail: vec4u, t_max:
     let offset = bitcast<vec3f>(texel_0.xyz) - (*traversal).sheared.origin;
     let reach = abs(offset) + 255.0 * step;
     @if(!instances) let slack = PLANE_MARGIN * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
-    // Outside instances for the errors of rays inside them too (ray_in_mesh): 160 * 2^-24 covers the 12 above and 141.
+    // In the upper tree the margin is 160 * 2^-24. It covers the 12 * 2^-24 above, and the 141 * 2^-24 by which a ray
+    // may be off in a mesh's space (ray_in_mesh).
     @if(instances) let margin = select(10.0 * PLANE_MARGIN, PLANE_MARGIN, (*traversal).inside);
     @if(instances) let slack = margin * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
     let a = offset * inverse;
@@ -347,7 +348,8 @@ fn hit_normal(hit: Hit) -> vec3f {
     return triangle_normal(hit.triangle);
 }
 
-// Whether a hit comes before another: the nearer one, or at the same distance the one of the lower primitive index.
+// Whether a hit that is no farther than another comes before it: the nearer one does, or at the same distance the one
+// of the lower primitive index. Callers compare the distances too (`within`).
 fn before(hit: Hit, other: Hit) -> bool {
     return hit.t < other.t || hit.triangle < other.triangle;
 }

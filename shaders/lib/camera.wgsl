@@ -47,7 +47,8 @@ fn view_direction(position: vec3f) -> vec3f {
     return select(normalize(camera.position - position), camera.backward, camera.orthographic == 1u);
 }
 
-// Where the image shows a position that is before the lens's centre (0 to 1 from the left and from the top).
+// Where the image shows a position in front of the lens (0 to 1 from the left and from the top), seen from the lens's
+// centre.
 @if(thin_lens)
 fn film_position(position: vec3f) -> vec2f {
     let offset = position - camera.position;

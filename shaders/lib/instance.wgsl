@@ -1,7 +1,7 @@
-// Instances: copies of meshes that are stored once (src/bvh/instanced.rs has the table). Rays are moved to the mesh's
-// space, and what they hit is moved back.
-// In: a triangle's primitive index, of each instance its own; see InstanceTable there. Triangles below `flat_count` are
-// no part of a shared mesh and are stored as they are.
+// Instances: copies of meshes that are stored once (src/bvh/instanced.rs). Rays are moved to the mesh's space, and what
+// they hit is moved back.
+// In: primitive indices; each triangle of each instance has its own (`InstanceTable` in src/bvh/instance_table.rs).
+// Triangles below `flat_count` belong to no shared mesh, and are stored as they are.
 
 import package::lib::bvh_triangles::triangle_texel;
 import package::lib::constants::{BVH_TRIANGLE_TEXELS, INSTANCE_TEXELS};
@@ -38,11 +38,12 @@ struct Entered {
 
 // A ray in the space of instance `number`.
 //
-// Its points are off, in the scene's space, by at most 9 roundings times MAX_STRETCH (src/scene/instance.rs), times
-// their distance from the ray's origin: of the origin, a difference, the matrix, three products and two sums; of the
-// direction the same but for the difference. The matrix times its inverse has norms of at most 3 MAX_STRETCH = 9, and
-// that distance is at most sqrt(3) times its largest coordinate: 9 * 9 * sqrt(3) * 2^-24 of it, or 141 * 2^-24. At the
-// origin of the scene the matrix is the identity, and the ray keeps its bits.
+// Rounding moves a point of this ray, as seen in the scene's space, by at most 141 * 2^-24 of the largest coordinate of
+// its offset from the ray's origin. A term of the origin is rounded 5 times (difference, matrix, product, two sums), a
+// term of the direction 4 times (no difference): 9 in all. The norms of the matrix and of its inverse scale these
+// errors by at most 3 MAX_STRETCH = 9 (src/scene/instance.rs), and an offset is at most sqrt(3) times as long as its
+// largest coordinate: 9 * 9 * sqrt(3) < 141.
+// For the triangles of no shared mesh the matrix is the identity, and the ray keeps its bits.
 @if(instances)
 fn ray_in_mesh(ray: Ray, number: u32) -> Entered {
     let at = instance_base + INSTANCE_TEXELS * number;

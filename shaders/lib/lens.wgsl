@@ -1,5 +1,5 @@
-// A thin lens, whose points in focus lie in a plane before it. In: the ray through the lens's centre, and a point of
-// the unit square. Out: the ray to the same point in focus, from another point of the iris.
+// A thin lens, whose points in focus lie in a plane in front of it. In: the ray through the lens's centre, and a point
+// of the unit square. Out: the ray to the same point in focus, from another point of the iris.
 
 import package::lib::camera::{CameraRay, camera};
 import package::lib::math::circle_point;

@@ -24,8 +24,8 @@ fn invalid_sample(bits: u32) -> f32 {
 
 // The angle, 0 to pi, between a vector (x, y) and the x axis, for y >= 0; x and y must not both be 0. The error is at
 // most 2 ULP. WGSL allows atan2 an error of 4096 ULP, and lavapipe's has 130: too much for the closed form of a distant
-// polygonal light, a sum of angles that cancel. (This is Cephes' atanf: its polynomial is valid up to tan(pi / 8),
-// larger arguments are reflected.)
+// polygonal light, a sum of angles that cancel. (This is Cephes' atanf. Its polynomial is valid up to tan(pi / 8);
+// other angles are computed from the diagonal or from the y axis.)
 fn angle_of(y: f32, x: f32) -> f32 {
     let low = min(y, abs(x));
     let high = max(y, abs(x));
@@ -38,10 +38,10 @@ fn angle_of(y: f32, x: f32) -> f32 {
     return select(quadrant, PI - quadrant, x < 0.0);
 }
 
-// Sine of an angle in turns, at most a quarter turn either way. The polynomial is the minimax one of relative error
-// 5e-9; roundings make that 2e-7, at most 7e-7 where a device rounds towards 0, as Vulkan permits. It permits sin and
-// cos an absolute error of 2^-11, which takes directions off unit length and leaves nothing of the sines of small
-// angles.
+// Sine of an angle in turns, at most a quarter turn either way. The polynomial is minimax, with a relative error of
+// 5e-9. Rounding makes that 2e-7, or 7e-7 where a device rounds towards 0, as Vulkan permits. This replaces WGSL's sin
+// and cos, which Vulkan permits an absolute error of 2^-11: directions would not have unit length, and sines of small
+// angles would be nothing but error.
 fn quarter_sine(turns: vec2f) -> vec2f {
     let z = turns * turns;
     let p = (((39.71092224 * z - 76.57498932) * z + 81.60223389) * z - 41.34167862) * z + 6.283185482;

@@ -99,11 +99,10 @@ struct Slabs {
     t_min: f32,
 }
 
-// The margin covers the error of the triangle test that lib/bvh (open_node) derives, 9 * 2^-24 of the farthest
-// coordinate relative to the ray's origin, and the roundings of a plane's distance here: those of plane / direction, of
-// origin / direction, of its sum with the margin and of the difference are 2^-24 each, of at most the sum of the
-// plane's and the origin's coordinates. So PLANE_MARGIN times the largest such sum covers both. Boxes are exact. The
-// rest is as in lib/bvh.
+// The margin is PLANE_MARGIN, 16 * 2^-24, of the largest sum of a plane's and the origin's coordinates. 9 * 2^-24 of it
+// is for the error of the triangle test, which lib/bvh derives (open_node). 4 * 2^-24 is for the roundings of a plane's
+// distance here: of plane / direction, of origin / direction, of its sum with the margin, and of the difference. Boxes
+// are exact. The rest is as in lib/bvh.
 @if(packets)
 fn slabs_of(ray: Ray) -> Slabs {
     let inverse = 1.0 / nonzero_direction(ray.direction);
@@ -205,7 +204,7 @@ struct Tested {
 // The hits of a lane's ray.
 @if(packets)
 struct Found {
-    // The first one so far. After some hit of a ray that needs no other, t is -1: such a ray meets no more boxes.
+    // The first one so far. If any hit will do, t is -1 from then on, so that the ray meets no more boxes.
     closest: Hit,
     // One that an alpha test is to decide.
     @if(alpha_test) undecided: Hit,
@@ -236,8 +235,8 @@ fn keep_hit(found: ptr<function, Found>, hit: Hit, any_hit: bool) {
 @if(packets && !alpha_test) const PACKET_TRIANGLES: u32 = 2u;
 @if(packets && alpha_test) const PACKET_TRIANGLES: u32 = 1u;
 
-// The budget of MAX_ITERATIONS. The outermost loop of the alpha test counts no iteration of its own, but each has three
-// that are counted: 60,000 in all.
+// The budget, in place of MAX_ITERATIONS. The outermost loop of the alpha test does not count its own iterations, but
+// counts at least three in each of them: 45,000 counted iterations are at most 60,000.
 @if(packets && alpha_test) const PACKET_ITERATIONS: u32 = 45000u;
 @if(packets && !alpha_test) const PACKET_ITERATIONS: u32 = MAX_ITERATIONS;
 
@@ -289,7 +288,7 @@ fn trace_packet(ray: Ray, sample: RaySample, lane: u32, any_hit: bool) -> Hit {
 }
 
 // Visits nodes until the next entry is a leaf, or there is none; a leaf stays the next entry. `resumes`: the first
-// entry may be a leaf that was interrupted.
+// entry may be a leaf whose triangles are not all tested yet.
 @if(packets)
 fn visit_nodes(
     stack: ptr<function, PacketStack>,

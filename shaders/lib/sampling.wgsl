@@ -137,7 +137,7 @@ fn sample_spherical_triangle(triangle: SphericalTriangle, u: vec2f) -> vec2f {
     let turns = triangle.half_angle * (0.5 / PI);
     let ahead = triangle.radius * circle_point((1.0 - u.x) * turns).y;
     let behind = opening(triangle.a, triangle.b) * circle_point(u.x * turns).y;
-    // In units of p.
+    // q and p - q of that formula, both over p.
     let q = behind / (ahead + behind);
     let m = ahead / (ahead + behind);
     let wide = opening(triangle.a, triangle.c);

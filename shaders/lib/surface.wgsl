@@ -46,9 +46,9 @@ struct SurfaceHit {
     surface: Surface,
 }
 
-// A triangle is part of a smooth surface only if its corners' normals are within 45 degrees of its own. Photons whose
-// normals differ by more belong to two surfaces as well, and a cube with averaged normals would cast the shadows of a
-// ball.
+// A triangle is part of a smooth surface only if its corners' normals are within 45 degrees of its own. Normals that
+// differ by more belong to two surfaces for photons too (`compatible` in lib/grid). Without this limit a cube with
+// averaged normals would be shadowed as a ball is.
 @if(smooth_normals) const SMOOTH_COSINE = 0.70710678;
 
 // The offset from a point of a triangle, with the given barycentric weights, to the smooth surface that the triangle
@@ -84,7 +84,8 @@ struct Met {
     procedural: bool,
 }
 
-// The position on the triangle is computed from the corners, not along the ray.
+// The position on the triangle is computed from the corners: the far end of a long ray would be off the triangle's
+// plane.
 fn met_at(hit: Hit, ray: Ray) -> Met {
     var met: Met;
     met.triangle = hit.triangle;

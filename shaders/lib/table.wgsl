@@ -7,12 +7,12 @@ fn table_texel(i: u32) -> vec2u {
     return vec2u(i & ((1u << TABLE_WIDTH_LOG2) - 1u), i >> TABLE_WIDTH_LOG2);
 }
 
-// The texel of a layer.
+// For a table in layers: the texel within the layer.
 fn layer_texel(i: u32) -> vec2u {
     return table_texel(i & ((1u << (TABLE_WIDTH_LOG2 + TABLE_LAYER_ROWS_LOG2)) - 1u));
 }
 
-// The layer of a table in layers.
+// For a table in layers: the layer.
 fn table_layer(i: u32) -> u32 {
     return i >> (TABLE_WIDTH_LOG2 + TABLE_LAYER_ROWS_LOG2);
 }

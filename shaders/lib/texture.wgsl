@@ -62,8 +62,8 @@ fn texture_at(number: u32, uv: Uv) -> vec4f {
     var top_right = vec4f(0.0);
     var bottom_left = vec4f(0.0);
     var bottom_right = vec4f(0.0);
-    // A loop, as lavapipe takes long to compile each place that loads a texel. Elsewhere its length is constant:
-    // drivers can unroll it, so that the four loads do not wait for each other.
+    // A loop, as lavapipe takes long to compile each place that loads a texel. On other devices the number of
+    // iterations is constant: drivers can unroll the loop, so that the four loads do not wait for each other.
     @if(texture_loads) let count = select(4u, 1u, is_nearest);
     @if(!texture_loads) let count = 4u;
     for (var i = 0u; i < count; i++) {

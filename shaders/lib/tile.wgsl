@@ -34,8 +34,8 @@ struct Tile {
 // For each pixel of the tile's rows its index in that list, or NOT_SAMPLED.
 @if(adaptive_sampling) @group(1) @binding(35) var<storage, read> list_indices: array<u32>;
 
-// The point of an invocation, if invocations of neighbouring lanes are to have the samples of one pixel: their rays
-// visit the same nodes. Invocations beyond the last point have points of others.
+// The point of an invocation, in an order in which neighbouring lanes have the samples of one pixel: their rays visit
+// the same nodes. For an invocation beyond the last point, the result is not an index to write to.
 fn pixel_by_pixel(tile: Tile, invocation: u32) -> u32 {
     let layers = quotient(tile.point_count, tile.pixel_count);
     // By rows: there are few enough of them for `quotient`.

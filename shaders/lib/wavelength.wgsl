@@ -12,7 +12,7 @@
 // The light of the ray whose hit is being evaluated; 0 if no wavelength is needed.
 @if(dispersion) var<private> carried: vec3f;
 
-// Chooses the wavelength: consecutive numbers of one seed have all three in turn.
+// Chooses the wavelength. Consecutive numbers of one seed take the three in turn.
 @if(dispersion)
 fn begin_wavelengths(seed: u32, number: u32, before: vec3f) {
     own_wavelength = (hash1(seed) % 3u + number % 3u) % 3u;

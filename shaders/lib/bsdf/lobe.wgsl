@@ -33,7 +33,8 @@ struct LayerPair {
     view: vec3f,
 }
 
-// The probability of sampling a layer, and the reflectance straight back of it and everything below.
+// The probability of sampling a layer, and what it and everything below reflect straight back, summed over the three
+// colours.
 @if(glossy)
 struct LayerChance {
     chance: f32,

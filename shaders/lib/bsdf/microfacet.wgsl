@@ -66,8 +66,8 @@ fn layer_rise(reflectances: vec2f, alpha: f32) -> f32 {
 // The cosine-weighted mean of Schlick's term at the lower of two angles, and its variance.
 @if(glossy) const LOWER_SCHLICK = 11.0 / 126.0;
 @if(glossy) const LOWER_SCHLICK_VARIANCE = 8.0 / 273.0 - LOWER_SCHLICK * LOWER_SCHLICK;
-// By how much the mean of Schlick's term at one angle is less; and the mean of its square over that mean, by how much
-// it is more.
+// LOWER_SCHLICK less the mean of Schlick's term at one angle, 1 / 21. And the mean of the term's square, 1 / 66, over
+// its mean, less LOWER_SCHLICK.
 @if(glossy) const ONE_ANGLE_LESS = LOWER_SCHLICK - 1.0 / 21.0;
 @if(glossy) const SQUARE_MORE = 21.0 / 66.0 - LOWER_SCHLICK;
 

@@ -11,8 +11,8 @@
 @if(sheen) import package::lib::math::PI;
 @if(sheen) import package::lib::sampling::sample_cap;
 
-// The entries at the four corners of each cell of a grid over the cube root of the cosine and the logarithm of the
-// roughness.
+// For each cell of a grid over the cube root of the cosine and the logarithm of the roughness, the entries at its four
+// corners. An entry is the binary logarithm of albedo times 4 cosine (1 + lambda), which is smoother than the albedo.
 @if(sheen) @group(1) @binding(22) var<uniform> sheen_albedos: array<vec4f, SHEEN_COLUMNS * SHEEN_ROWS>;
 @if(sheen) override min_sheen_roughness: f32;
 

@@ -151,8 +151,9 @@ fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> 
     return s;
 }
 
-// The surface as a viewer in another direction on the same side sees it: with normals bent towards this viewer. Where
-// the surface was bent before, to a viewer behind its own normal, it stays so: light from there counts next to nothing.
+// The surface as a viewer in another direction on the same side sees it: with normals bent towards this viewer. Normals
+// that are bent already, to a viewer behind the unbent ones, stay so: light from that viewer's direction counts next to
+// nothing.
 @if(smooth_normals || normal_maps || coat_normals)
 fn seen_from(s: Surface, view: vec3f) -> Surface {
     var seen = s;

@@ -23,7 +23,8 @@ struct Transmission {
 
 @if(transmission) alias TransmissionFactors = f32;
 
-// Indices of refraction nearer to 1 bend light by less than its half vector, a difference, has digits for.
+// Indices of refraction nearer to 1 than this count as 1. The half vector would be the difference of nearly equal
+// vectors, with too few correct digits.
 @if(dispersion) const MIN_BENDING = 1e-3;
 
 @if(transmission)

@@ -62,8 +62,8 @@ struct Contour {
 // As IN_PLANE for a contour, from whose plane its corners may lie 2e-6 away (src/gpu_scene/lights/contour.rs).
 const IN_CONTOUR = 3.0 * IN_PLANE;
 
-// Whether a position is beyond the rounding of a contour's plane on the side that shines. `side` is the height of the
-// plane over it.
+// Whether a position lies on the shining side of a contour's plane, and farther from the plane than rounding. `side` is
+// the height of the plane over it.
 fn contour_shines(normal: vec3f, side: f32, two_sided: bool) -> bool {
     let sizes = abs(normal);
     let is_perpendicular = max(sizes.x, max(sizes.y, sizes.z)) == sizes.x + sizes.y + sizes.z;
@@ -71,8 +71,8 @@ fn contour_shines(normal: vec3f, side: f32, two_sided: bool) -> bool {
 }
 
 // The sum of Lambert's terms over a contour's part above the horizon, that is, of positive height along the normal
-// (Sutherland and Hodgman's clipping, by edges). Each turn of the loop adds one side of the part: what is above the
-// horizon of an edge, or the side along the horizon from where the contour sets to where it rises again.
+// (Sutherland and Hodgman's clipping, by edges). Each iteration adds one side of the part: what is above the horizon of
+// an edge, or the side along the horizon from where the contour sets to where it rises again.
 fn sum_above_horizon(contour: Contour, position: vec3f, normal: vec3f) -> f32 {
     var sum = 0.0;
     var a = select(contour.base, vec3f(0.0), contour.small);
@@ -91,7 +91,7 @@ fn sum_above_horizon(contour: Contour, position: vec3f, normal: vec3f) -> f32 {
         let rises = !ends && height_a <= 0.0 && height_b > 0.0;
         let sets = !ends && height_a > 0.0 && height_b <= 0.0;
         let crossing = a + (b - a) * (height_a / (height_a - height_b));
-        // The next turn is for the edge that rises.
+        // The next iteration is for the edge that rises.
         let along_horizon = has_set && (ends || rises);
         let above = along_horizon || height_a > 0.0 || height_b > 0.0;
         var start = select(crossing, a, height_a > 0.0);

@@ -86,17 +86,17 @@ fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
     return dot(triangle.across, position - triangle.a) > 0.0;
 }
 
-// Positions nearer than this to the plane of a light count as in it, unless the plane is perpendicular to an axis.
-// Rounding brings the points of a flat light that reflects to either side of its plane, by up to 6e-7, since
-// coordinates are at most 1. The light spans a hemisphere there, and its nearest points lie as near as rounding, in any
-// direction: a tilted lamp would light itself. In a plane perpendicular to an axis, all points share one coordinate
-// exactly.
+// Positions nearer than this to the plane of a light count as in it, unless the plane is perpendicular to an axis. If a
+// flat light also reflects, rounding puts its points on either side of its plane, up to 6e-7 away, since coordinates
+// are at most 1. Seen from there the light would span a hemisphere, with points as near as rounding in any direction: a
+// tilted lamp would light itself. In a plane perpendicular to an axis, all points share one coordinate exactly.
 const IN_PLANE = 1e-6;
 
 // Whether light of a triangle arrives at the position: from its front, or from both sides, but not within its plane.
 fn emitter_shines(header: vec4u, triangle: EmitterTriangle, position: vec3f) -> bool {
     let height = dot(triangle.across, position - triangle.a);
-    // The products that `across` is made of: in narrow triangles it is their difference, and as uncertain as they.
+    // The products whose differences are `across`. In narrow triangles they nearly cancel, but `across` keeps their
+    // rounding errors.
     let products = abs(triangle.e1.yzx * triangle.e2.zxy) + abs(triangle.e1.zxy * triangle.e2.yzx);
     let rounded = (triangle.e1 != vec3f(0.0)) | (triangle.e2 != vec3f(0.0));
     let lowest = IN_PLANE * dot(select(vec3f(0.0), products, rounded), vec3f(1.0));

@@ -161,8 +161,7 @@ fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSam
     return LightSample(offset / distance, distance, radiance, pdf, normal, false);
 }
 
-// The light of an emitter triangle, and the density by solid angle with which its points are sampled; density 0 if the
-// triangle does not emit.
+// The result of `emitter_of`.
 struct Emitter {
     light: u32,
     pdf: f32,

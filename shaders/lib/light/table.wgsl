@@ -39,7 +39,8 @@ fn light_has_closed_form(light: u32) -> bool {
     return (light_texel(light, LIGHT_KIND_TEXEL).x & LIGHT_CLOSED_FORM) != 0u;
 }
 
-// The light points that a surface point samples, at most `limit`: one of a light that comes from a single direction.
+// Number of light points that a surface point samples, at most `limit`. A light that comes from a single direction has
+// one.
 fn max_light_points(light: u32, limit: u32) -> u32 {
     @if(point_lights || spot_lights || directional_lights) {
         let kind = light_kind(light);
