@@ -114,8 +114,8 @@ fn interpolate(
     radiance_indirect[i] = light;
 }
 
-// Replaces the light at the points, which `interpolate` computed from other records, by the change to the light from
-// these records. Where either of them leaves the light to a path, there is no change.
+// `interpolate` has written the light that the points have from other records. This replaces it by its difference from
+// the light of these records, or by 0 where either of them leaves the light to a path.
 @compute @workgroup_size(64)
 fn change(
     @builtin(workgroup_id) group: vec3u,

@@ -99,7 +99,6 @@ fn word_of_cell(index: u32) -> u32 {
     let count = atomicLoad(&cell_counts[index]);
     let traced = count & 0xffffu;
     let visible = count >> 16u;
-    // If no ray was traced from a cell, its class is unknown.
     if traced == 0u { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
     let n_i = min(visible, CLASS_COUNT_MAX);
     let n_s = min(traced - visible, CLASS_COUNT_MAX);

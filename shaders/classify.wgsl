@@ -47,7 +47,7 @@ struct ClassifyParameters {
     tile: Tile,
     // Candidates: points of the chunk's first light, of its second, ...
     candidate_count: u32,
-    // Or sampled light index, where lights are sampled; see lib/sampled_light.
+    // The chunk's first light, or where lights are sampled its first sampled light index; see lib/sampled_light.
     first_light: u32,
     // Members of AuditProbabilities: in a uniform buffer, a struct would have to begin at a multiple of 16 bytes.
     audit_away: f32,
@@ -72,7 +72,7 @@ var<immediate> classify_pass: ClassifyParameters;
 @if(visibility_map) @group(0) @binding(9) var<storage, read_write> requested_normals: array<atomic<u32>>;
 @if(visibility_map) @group(0) @binding(10) var<storage, read_write> requested_indices: array<u32>;
 @if(visibility_map) @group(0) @binding(11) var<storage, read_write> requested_cells: array<RequestedCell>;
-// Requested cells, those classified, those classified before the last ones.
+// Numbers of requested cells: of all, of those classified, and of those classified before the last dispatch.
 @if(visibility_map) @group(0) @binding(12) var<storage, read_write> request_counts: array<atomic<u32>, 3>;
 
 // Index in `queues` of an item of a queue.
@@ -239,8 +239,8 @@ fn from_centre_of(cell: vec3u, position: vec3f) -> vec3f {
     return position - cell_centre(classify_pass.grid, cell);
 }
 
-// A point outside of the grid is in no cell. Rounding may put a point on a cell's face this far outside: less than the
-// class of a cell is for (`extent_of` of lib/cell_classification).
+// A point outside of the grid is in no cell. Rounding may put a point on a cell's face 0.0004 cells outside; classes of
+// cells hold for 0.0005 (`extent_of` in lib/cell_classification).
 fn in_cell(from_centre: vec3f) -> bool {
     return all(abs(from_centre) <= vec3f(0.5004 * classify_pass.grid.cell));
 }
@@ -388,7 +388,7 @@ fn widen_to(candidate: u32) {
     queues[queue_item(QUEUE_BOUNDARY, atomicAdd(&queue_lengths[QUEUE_BOUNDARY], 1u))] = candidate;
     atomicSub(&counters[COUNTER_DARK + class_of(word)], 1u);
     atomicAdd(&counters[COUNTER_DARK + CLASS_BOUNDARY], 1u);
-    // It stays in the queue of audits, which leave boundaries out.
+    // It stays in the queue of audits; entry point `audit` of pass `shadow` skips boundaries.
     let audited = u32(audits(candidate, word));
     atomicSub(&counters[COUNTER_AUDITED], audited);
     if is_near(word) {

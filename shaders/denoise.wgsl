@@ -30,9 +30,9 @@ const POOLED_SAMPLES = 4.0;
 // windows of `restrain`, `pool` and `combine` are 5 x 5, and written out.
 const FIRST_RADIUS = 3;
 const SECOND_RADIUS = 5;
-// Squared distance from the neighbours' mean, over their spread, beyond which light is a firefly if its own variance
-// explains the distance: three standard deviations, and two of the pixel's own. A firefly of one sample in n has a
-// variance of its squared distance.
+// Light is a firefly if its squared distance from the neighbours' mean is more than FAR_FROM_NEIGHBOURS times their
+// spread (three standard deviations), and less than WITHIN_OWN times its own variance (two). If one of n samples causes
+// the distance, the variance of their mean is about the squared distance.
 const FAR_FROM_NEIGHBOURS = 9.0;
 const WITHIN_OWN = 4.0;
 // Minimum number of neighbours from which a spread is computed.
@@ -65,9 +65,10 @@ const MAX_VARIANCE = 1e24;
 const TINY = 1e-10;
 // No neighbour on a surface.
 const NO_SPACING = 1e30;
-// The kind of a pixel, in the fourth byte of its packed word. Kinds differ by so much that no weight remains between
-// them, because they are compared like an albedo. Whatever else the word holds, it is then a normal float, which every
-// load preserves. Texels of the border are 0.
+// The kind of a pixel, in the fourth byte of its packed word: its light is not valid, so it keeps its own colour; it
+// shows no surface; it shows one. Kinds differ by so much that no weight remains between them, because they are
+// compared like an albedo. Whatever else the word holds, it is then a normal float, which every load preserves. Texels
+// of the border are 0.
 const KIND_KEPT = 0x10u;
 const KIND_EMPTY = 0x60u;
 const KIND_SURFACE = 0xb0u;
@@ -124,7 +125,8 @@ struct Surface {
     traits: vec4f,
 }
 
-// A pixel that others are compared with: its normal over NORMAL_SCALE, and over PLANE_SCALE spacings.
+// A pixel that others are compared with. `normal` is divided by NORMAL_SCALE; `plane` is the normal divided by
+// PLANE_SCALE times the spacing.
 struct Centre {
     position: vec3f,
     normal: vec3f,
@@ -479,7 +481,7 @@ fn members(sides: vec4f, middle: f32, row: u32) -> array<Member, 5> {
     );
 }
 
-// The squared differences of direct and of indirect light between two pixels, and 1, by the weights of both.
+// The squared differences of direct and of indirect light between two pixels, and 1, all times the weights of both.
 fn squared(a: Member, b: Member) -> vec3f {
     let direct = a.direct - b.direct;
     let indirect = a.indirect - b.indirect;
@@ -500,9 +502,9 @@ fn along_two(a: array<Member, 5>) -> vec3f {
     return squared(a[0], a[2]) + squared(a[1], a[3]) + squared(a[2], a[4]);
 }
 
-// `pool` of single samples, which have no variance: what neighbours one and two pixels apart differ by. Noise differs
-// the same at both distances, and edges or slopes twice as much at the second or more. So what is left at distance 0 is
-// noise (the nugget of a linear variogram; Matheron 1963).
+// `pool` of single samples, which have no variance: what neighbours one and two pixels apart differ by. Differences due
+// to noise are the same at both distances; those due to edges or slopes are at least twice as large at the second. So
+// what is left at distance 0 is noise (the nugget of a linear variogram; Matheron 1963).
 @compute @workgroup_size(64)
 fn pool_single(
     @builtin(workgroup_id) group: vec3u,

@@ -47,8 +47,8 @@ struct Sum {
     compensation: vec4f,
 }
 
-// Returns the same numbers, because no pixel has 2^31 samples, but the compiler cannot infer this. One that sees that
-// `total` is `value + x` may take `(total - value) - x` for 0. On an H200 (driver 580.159) all compensations were lost.
+// Returns x itself, because no pixel has 2^31 samples, but the compiler cannot infer this. One that sees that `total`
+// is `value + x` may take `(total - value) - x` for 0. On an H200 (driver 580.159) all compensations were lost.
 fn opaque(x: vec4f) -> vec4f {
     return bitcast<vec4f>(bitcast<vec4u>(x) | vec4u(film_parameters.earlier_samples >> 31u));
 }
@@ -121,7 +121,7 @@ fn accumulate_squares(
     store_sum(pixel, sum);
 }
 
-// Takes over the sums of another plane.
+// Copies the sums of another plane.
 @compute @workgroup_size(64)
 fn take_snapshot(
     @builtin(workgroup_id) group: vec3u,

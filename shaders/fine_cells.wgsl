@@ -9,9 +9,9 @@ import package::lib::fine_cell::{
     fine_cell_view, fine_cells, is_divided
 };
 
-// Photons of one kind count as many from this multiple of k: four times as many as decide a part of a divided cell. If
-// n photons are of one kind, one of the other kind would probably have been seen if its share were much above 1 / n, so
-// classes of such cells are wrong a quarter as often.
+// From this multiple of k on, the photons of a part of a divided cell count as many. That is four times as many as
+// decide its class. If n photons are all of one kind, the share of the other kind is probably not much above 1 / n. So
+// with many photons, classes are wrong a quarter as often.
 const MANY = 2u;
 
 // Photons that decide a cell (k).

@@ -115,9 +115,9 @@ fn store_shadows(first: LightHit, is_active: bool, xi: f32, seed: u32, lane: u32
     return rays;
 }
 
-// The share of rays that the surface at a hit stops. A blended surface has photons of as large a share of its light.
-// For the global map, the probes of a disc measure this share; for the caustic map there are none, so its photons carry
-// 1 over the share.
+// The share of rays that the surface at a hit stops. A blended surface stores photons of this share of its light alone.
+// For the global map, the probes of a disc measure the share. For the caustic map there are no probes, so the flux of
+// its photons is divided by the share.
 @if(caustics && alpha_test)
 fn stopped_share(hit: Hit) -> f32 {
     @if(procedurals) { if is_procedural(hit.triangle) { return 1.0; } }
@@ -220,10 +220,10 @@ fn scattered_by(found: SurfaceHit, u: vec3f) -> Scattered {
     }
     @else {
         let light_cosine = dot(s.view, found.triangle_normal);
-        // Viewers behind the shading normal see it bent towards them. `bsdf_sample` has no directions there, so this
-        // part of the samples is from all directions above the triangle: the sine of half the angle by which the
-        // normal differs. The directions behind it have a share of its square, so that no weight is large. Of a
-        // surface that transmits light, half of the part is below the triangle.
+        // Viewers behind the shading normal see it bent towards them, but `bsdf_sample` samples no directions there. So
+        // this share of the samples is from all directions above the triangle. It is the sine of half the angle between
+        // the two normals. Of these directions, a share of its square is behind the shading normal, so no weight is
+        // large. Where the surface transmits light, half of these samples are from below the triangle.
         let share = safe_sqrt(0.5 - 0.5 * dot(s.shading_normal, found.triangle_normal));
         var sides = 1.0;
         @if(transmission) { sides = select(1.0, 2.0, passes_light(s)); }

@@ -327,9 +327,10 @@ fn means_of_waves(sums: RecordSums, id: u32) -> RecordMeans {
     means.translation = sums.translation;
     @if(smooth_normals || normal_maps) { means.rotation = sums.rotation * weight; }
     means.inverse_distance = sums.inverse_distances / f32(rays);
-    // Half of the mean squared difference of neighbours is the variance of a ray within its stratum, or more: all have
-    // one in the next sector, and all but those of the first ring one in the ring below. The difference of
-    // a later wave from the earlier ones is a better estimate, because neighbouring strata differ by more than noise.
+    // The variance of a ray within its stratum is at most half of the mean squared difference of neighbours, as
+    // neighbouring strata differ by more than noise. Every ray has a neighbour in the previous sector, and every ray
+    // outside the first ring one in the ring below. Once there are earlier waves, the difference of this wave from them
+    // is a better estimate.
     let pairs = f32(2u * rays - gather_pass.sectors);
     means.variance = 0.5 * sums.squares / pairs * weight * weight * f32(rays);
     if gather_pass.earlier_rays > 0u {

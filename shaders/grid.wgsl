@@ -36,7 +36,7 @@ var<immediate> grid_pass: GridParameters;
 @group(0) @binding(7) var<storage, read_write> classify_arguments: array<u32, 3>;
 @group(0) @binding(8) var<storage, read_write> cell_class_words: array<vec4u>;
 
-// Requested cells, those classified, those classified before the last ones.
+// Numbers of requested cells: of all, of those classified, and of those classified before the present dispatch.
 @group(0) @binding(9) var<storage, read_write> request_counts: array<atomic<u32>, 3>;
 @group(0) @binding(12) var<storage, read_write> request_arguments: array<u32, 3>;
 @group(0) @binding(13) var<storage, read> requested_normals: array<u32>;

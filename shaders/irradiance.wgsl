@@ -374,7 +374,7 @@ fn covered(position: vec3f, normal: vec3f, radius: f32, lane: u32) -> Covered {
     let hits = trace_probes(disc, lane);
     @if(!negative_photons) let walls = without_passed_walls(hits.walls, hits.stopped, disc);
     if hits.found == 0u { return Covered(); }
-    // (n + 1) / (found + 1) is an unbiased estimate of 1 over the share; n / found is not.
+    // (n + 1) / (found + 1) is a nearly unbiased estimate of 1 over the share; n / found is not.
     let area = hits.slant / f32(hits.found) * (f32(hits.found + 1u) / f32(PROBES + 1u));
     let clear = clear_distance(hits.found);
     @if(negative_photons) { return Covered(area, clear, Walls(NO_WALL, NO_WALL), hits.hidden / f32(PROBES)); }

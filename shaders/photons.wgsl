@@ -140,7 +140,7 @@ fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, prim
 }
 
 fn meet_triangle(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, hit: Hit, direction: vec3f) {
-    // The loop over kept photons runs once even where there is no hit.
+    // On software devices, the loop of `keep` runs once even where there is no hit.
     @if(packets) { traversal_iterations++; }
     if hit.triangle == NO_HIT || !stops(hit, 0.0, UNBOUNDED, RaySample((*kept).seed, 0u)) { return; }
     meet(kept, nearest, hit.t, hit.triangle, arrival(hit.triangle, direction));
@@ -246,12 +246,12 @@ fn photons(
     if kept.count > 0u { store_kept(next, ray, &kept, light); }
 }
 
-// Index of a light's illumination photons in the counts; its shadow photons follow.
+// Index in `traced_counts` of the number of a light's illumination photons; the number of its shadow photons follows.
 fn count_index(light: u32) -> u32 {
     return PHOTON_COUNT_HEADER + PHOTON_COUNTS_PER_LIGHT * light;
 }
 
-// Stores the illumination photon at index `at`, if there is one; the next index.
+// Stores the illumination photon at index `at`, if there is one, and returns the next free index.
 fn store_nearest(at: u32, ray: Ray, nearest: Nearest, light: u32) -> u32 {
     if !nearest.arrival.stores { return at; }
     var photon: Stored;

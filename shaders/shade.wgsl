@@ -327,8 +327,8 @@ fn shade(
     if i >= parameters.tile.point_count { return; }
     @if(!few_sampled) { _ = shade_point(i, Terms(true, true)); }
     @if(few_sampled) let has_sampled = shade_point(i, Terms(true, false));
-    // One by one: workgroups that took their places together, behind barriers, would cost a fifth of the pass on
-    // software devices.
+    // One atomic operation for each point. One for a whole workgroup, between barriers, would cost a fifth of the pass
+    // on software devices.
     @if(few_sampled) { if has_sampled { sampled_points[atomicAdd(&queue_lengths[QUEUE_SAMPLED], 1u)] = i; } }
 }
 

@@ -54,13 +54,13 @@ var<immediate> ward_pass: WardParameters;
 // For each point a max-heap of keys. The k-th entries of all points are adjacent.
 @group(0) @binding(6) var<storage, read_write> light_keys: array<u32>;
 @group(0) @binding(7) var<storage, read_write> ward_states: array<WardState>;
-// For each light, two words: the number of light points that were visible, and the number tested. First the counts of
-// earlier tiles, then those of this tile.
+// For each light, two words: the number of light points that were visible, and the number tested. `light_rates` counts
+// those of earlier tiles, `light_tests` those of this tile.
 @group(0) @binding(8) var<storage, read_write> light_rates: array<vec2u>;
 @group(0) @binding(9) var<storage, read_write> light_tests: array<atomic<u32>>;
 
-// A key holds the upper bits of the potential, and below them the light. Positive floats sort as their bits do, and the
-// lost thousandth of a potential does not matter.
+// A key holds the upper bits of the potential, and below them the light. Positive floats sort as their bits do. A
+// potential loses less than a thousandth, which does not matter.
 const LIGHT_MASK = MAX_LIGHTS - 1u;
 // Maximum number of light points that a potential is estimated from.
 const POTENTIAL_SAMPLES = 4u;
@@ -268,7 +268,7 @@ fn estimate(
     if i >= ward_pass.tile.point_count { return; }
     var state = ward_states[i];
     add_test(i, &state);
-    // Without an expectation there is no ratio: half of the lights' visible shares.
+    // If no tested light was expected to be visible there is no ratio, and 0.5 stands for it.
     let ratio = select(0.5, state.visible / state.expected, state.expected > 0.0);
     for (var k = 0u; k < state.waiting; k++) {
         let light = key_at(i, k) & LIGHT_MASK;

@@ -26,7 +26,8 @@ var<immediate> zones_pass: ZoneParameters;
 
 const GROUP = 64u;
 // Buckets of a histogram of what lights send to a zone, by the float's exponent and the upper two bits of its mantissa.
-// The largest power is 1 and tallies are below 2^16, so no exponent exceeds 127 + 15.
+// The largest power is 1 and tallies are below 2^16 (RAYS_PER_LIGHT in src/light_transport/light_sampler.rs), so no
+// exponent exceeds 127 + 15.
 const BUCKETS = 143u * 4u;
 const BUCKET_SHIFT = 21u;
 

@@ -32,7 +32,8 @@ struct CellClass {
 
 // A cell class covers at most 35 degrees about a normal. That leaves 10 of the 45 for photons that surely count.
 const SPREAD_UNIT = (1.0 - 0.81915204) / 255.0;
-// In cells: too fine to matter, with the range that cells need (diagonals; the largest search radius).
+// Units of packed lengths, in cells: too fine to matter. Offsets reach 1, more than half a diagonal; thicknesses 2,
+// more than a diagonal; reaches 16, more than the largest search radius.
 const OFFSET_UNIT = 1.0 / 2048.0;
 const OFFSET_ZERO = 2048.0;
 const THICKNESS_UNIT = 1.0 / 128.0;
@@ -84,22 +85,22 @@ fn holds_at(cell: CellClass, from_centre: vec3f, normal: vec3f) -> bool {
 struct RequestedCell {
     // Its index, as `cell_index` gives it.
     cell: u32,
-    // The slab and the cone of the points whose normals are near the normal in `requested_normals`: offsets from the
-    // cell's centre along that normal, and cosines to it, in units of REQUEST_UNIT. Each value is a maximum; for `low`,
-    // the maximum of complements. 0 stands for no value.
+    // The slab and the cone of the points whose normals are near the normal in `requested_normals`: the lowest and the
+    // highest offset from the cell's centre along that normal, and 1 minus the smallest cosine to it, in units of
+    // REQUEST_UNIT. All three grow by `atomicMax`, so `low` holds the negative offset. 0 stands for no value.
     low: atomic<u32>,
     high: atomic<u32>,
     spread: atomic<u32>,
     class_words: vec2u,
 }
 
-// Converts normals to the format of `requested_normals`, and back: the greatest word is the smallest code, and 0 stands
-// for no normal.
+// Converts the code of a normal to a word of `requested_normals`, and back. The greatest word is that of the smallest
+// code, and 0 stands for no normal.
 fn request_complement(code: u32) -> u32 {
     return PHOTON_NORMAL_MASK + 1u - code;
 }
 
-// In cells; and for cosines.
+// Unit of a request's offsets, in cells, and of its cosines. An offset of 0 is stored as REQUEST_ZERO.
 const REQUEST_UNIT = 1.0 / 16384.0;
 const REQUEST_ZERO = 32768u;
 // Normals this near to that of a cell class are of its surface: 30 degrees.

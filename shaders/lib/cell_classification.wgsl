@@ -19,9 +19,9 @@ import package::lib::photon::photon_is_shadow;
 // Visit budget for the class of a cell's own photons: photons and rows of cells, as a multiple of k. On an even surface
 // five times k are enough; where many photons are of other surfaces (foliage), a class costs more than it saves.
 const VISITS_PER_NEAREST = 24u;
-// Maximum budget, and the budget of a requested cell, whose class many points share. Lavapipe's eight lanes share its
-// 65,535 iterations: in nested loops of different lengths, each lane waits for all others, and which cells share a
-// vector is random.
+// Maximum budget, and the budget of a requested cell, whose class many points share. On lavapipe the eight lanes of a
+// vector share 65,535 iterations: in nested loops of different lengths each lane waits for all others, and which cells
+// share a vector is random. This is seven eighths of a lane's share.
 const MAX_VISITS = 7168u;
 
 // Marks a decided cell that has photons of the other kind within reach, but not among the nearest k: a boundary is
@@ -61,7 +61,7 @@ struct Extent {
     maybe_cosine_squared: f32,
 }
 
-// The cell class to be found, as precise as it is packed: the points it is for, and no class yet.
+// The cell class to be found, rounded as its packed form is. It has the bounds of its points, but no class yet.
 fn packed_cluster(grid: GridShape, cluster: Cluster) -> CellClass {
     let cell = grid.cell;
     let normal = oct_decode7(cluster.normal_code);
@@ -82,7 +82,7 @@ fn extent_of(grid: GridShape, cluster: Cluster, class_: CellClass) -> Extent {
     // Rounding may put a point this far outside its cell.
     let half_size = 0.5005 * grid.cell;
     let sin_spread = safe_sqrt(1.0 - class_.cos_spread * class_.cos_spread);
-    // The 45 degrees less, and more, the spread: both below 90.
+    // Cosines of 45 degrees less the spread, and of 45 degrees and the spread; both angles are below 90.
     let half_angle = sqrt(COMPATIBLE_COSINE_SQUARED);
     let cos_sure = min(half_angle * (class_.cos_spread + sin_spread) + CONE_MARGIN, 1.0);
     let cos_maybe = half_angle * (class_.cos_spread - sin_spread) - CONE_MARGIN;
@@ -110,7 +110,8 @@ fn extent_of(grid: GridShape, cluster: Cluster, class_: CellClass) -> Extent {
     );
 }
 
-// Squared distances of a photon to the points: no less than `lower`, no more than `upper`; FAR where it does not count.
+// Squared distances of a photon to the points: no less than `lower`, no more than `upper`. `lower` is FAR if the photon
+// counts for none of them, `upper` if it may not count for all.
 struct DistanceBounds {
     lower: f32,
     upper: f32,
@@ -217,8 +218,8 @@ fn bound_of(counts: Counts, marks: Marks) -> f32 {
     return marks.limit * 0.125 * f32(below.x + below.y + below.z + below.w + 1u);
 }
 
-// Whether both kinds are among the nearest k of every point: no more than k photons can be as near as the farther of
-// the nearest two.
+// Whether both kinds are surely among the nearest k of every point. Take the nearest photon of each kind that surely
+// counts: both are, if no more than k photons can be as near as the farther of these two.
 fn both_are_near(counts: Counts, marks: Marks) -> bool {
     let both = max(counts.nearest_sure_lit, counts.nearest_sure_shadow);
     if both > marks.limit { return false; }

@@ -52,8 +52,8 @@ fn traces_shadow_rays(word: u32) -> bool {
     @else { return class_of(word) == CLASS_BOUNDARY || class_of(word) == CLASS_UNKNOWN; }
 }
 
-// Position of a decided candidate's cell: away from all boundaries, or a part of a divided cell, with few or with many
-// photons of its own.
+// Where the cell of a decided candidate lies: away from all boundaries; near one, or a part of a divided cell with few
+// photons; a part of a divided cell with many photons.
 const AWAY = 0u;
 const NEAR = 1u;
 const SETTLED = 2u;

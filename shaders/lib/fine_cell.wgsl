@@ -74,7 +74,7 @@ const LEVEL_SHIFT = 20u;
 // The coarsest cell of a point.
 fn coarsest_cell(light: u32, position: vec3f, normal: vec3f) -> FineCellKey {
     let pixel = fine_cell_view.width + fine_cell_view.slope * distance(position, fine_cell_view.eye);
-    // From below: room for all divisions.
+    // The lower bound leaves room for all divisions.
     let exponent = clamp(ceil_log2(f32(FINE_CELL_PIXELS) * pixel), LOWEST_EXPONENT + i32(FINE_CELL_LEVELS), 2);
     let size = abs(normal);
     let axis = select(select(0u, 1u, size.y > size.x), 2u, size.z > max(size.x, size.y));
@@ -83,7 +83,8 @@ fn coarsest_cell(light: u32, position: vec3f, normal: vec3f) -> FineCellKey {
     return cell_at(kind | (u32(exponent - LOWEST_EXPONENT) << EXPONENT_SHIFT), position);
 }
 
-// The smallest power of two that is no less than a positive number; by its bits, so that devices agree on it.
+// The exponent of the smallest power of two that is no less than a positive number. It is computed from bits, so that
+// devices agree on it.
 fn ceil_log2(x: f32) -> i32 {
     let bits = bitcast<u32>(x);
     return i32(bits >> 23u) - 127 + i32((bits & 0x7fffffu) != 0u);
@@ -202,7 +203,7 @@ struct FineClass {
     visibility: f32,
 }
 
-// The class of the point's undivided cell; of the smallest cell, if cells of all sizes are divided.
+// The class of the point's undivided cell, or boundary if cells of all sizes are divided.
 fn fine_class(light: u32, position: vec3f, normal: vec3f) -> FineClass {
     var cell = coarsest_cell(light, position, normal);
     var found: FoundCell;

@@ -8,7 +8,8 @@ struct GatherHit {
     widest: f32,
     // Direction back along the ray (oct_encode16).
     view: u32,
-    // Seed of the record, and index of the ray within it, of all waves, with HIT_RESIDUAL and HIT_CAUSTIC_KNOWN.
+    // Seed of the record, and the ray's index among the record's rays of all waves; `number` also has the bits
+    // HIT_RESIDUAL and HIT_CAUSTIC_KNOWN.
     seed: u32,
     number: u32,
 }

@@ -108,7 +108,7 @@ fn point_ball(centre: vec3f, reach: f32, normal: vec3f) -> SearchBall {
 }
 
 // Half the size of the box around the ellipsoid |v|^2 + 15 (v . n)^2 <= reach^2, for all n within `tilt` of `normal`.
-// The ellipsoid's matrix is I + 15 n n^T, its inverse I - 15/16 n n^T.
+// The ellipsoid's matrix is I + 15 n n^T, its inverse I - 15/16 n n^T; 15 is NORMAL_OFFSET_WEIGHT.
 fn reach_box(reach: f32, normal: vec3f, tilt: f32) -> vec3f {
     @if(paper_counting) { return vec3f(reach); }
     let along = max(abs(normal) - tilt, vec3f(0.0));
@@ -141,7 +141,7 @@ fn row_photons(grid: GridShape, light: u32, row: vec2i, ball: SearchBall) -> vec
 }
 
 // The part of a row near the tangent plane of the query: a photon farther from it than a quarter of the reach cannot
-// count.
+// count (NORMAL_OFFSET_WEIGHT + 1 is 4 squared).
 @if(!paper_counting)
 fn clip_to_plane(ends: vec2f, row_low: vec2f, ball: SearchBall) -> vec2f {
     // Photon and query both lie in boxes. The part of their offset along the normal that comes from y and z has this
@@ -158,8 +158,8 @@ fn clip_to_plane(ends: vec2f, row_low: vec2f, ball: SearchBall) -> vec2f {
     );
 }
 
-// A search that begins with the expected reach times this hardly ever has to be widened where photons are even: on
-// average the disc holds 1.69 k photons, and of random photons fewer than k = 30 once in 1,500 times.
+// A search begins with the expected reach times this. On average the disc then holds 1.69 k photons; of random photons,
+// one disc in 1,500 holds fewer than k = 30. So where photons are even, hardly any search is widened.
 const FIRST_REACH = 1.3;
 
 // The expected distance to the k-th nearest photon, in cells: the radius that holds k photons at the mean density of

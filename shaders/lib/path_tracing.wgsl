@@ -125,8 +125,8 @@ struct Path {
     @if(global_map) photon_normal: vec3f,
     // Whether the diffuse part of the vertex has its light from focusing surfaces already.
     @if(caustics) caustic_known: bool,
-    // Whether the path has met only focusing surfaces since such a vertex, or since the gather point before the first
-    // one. Light then counts only by the residual part of that vertex's BSDF.
+    // Whether the path has met only focusing surfaces since a vertex with `caustic_known`, or since the gather point
+    // before the first vertex. Light then counts only by the residual part of that vertex's BSDF.
     @if(caustics) specular_chain: bool,
     @if(caustics) residual_throughput: vec3f,
 }
@@ -209,7 +209,8 @@ fn light_throughput(path: ptr<function, Path>) -> vec3f {
     @else { return (*path).throughput; }
 }
 
-// The BSDF times the cosine, or its residual part: in one place, as lavapipe compiles each that evaluates it.
+// The BSDF times the cosine, or only its residual part. Both are evaluated in one place, because lavapipe compiles
+// every place on its own.
 fn reflection(vertex: PathVertex, direction: vec3f) -> vec3f {
     @if(global_map && glossy) {
         let diffuse = select(vec3f(0.0), bsdf_diffuse(vertex.surface), vertex.residual);

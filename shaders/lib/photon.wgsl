@@ -60,10 +60,9 @@ fn photon_word(normal: u32, light: u32, weight: f32, shadow: bool) -> u32 {
     @else { return word; }
 }
 
-// The flux of a photon of the global map is stored in steps of 1/31 of the common unit times 8 to the exponent.
-// Stochastic rounding keeps the mean; a step is small against the noise of the few dozen photons that an estimate sums.
-// The word of a photon that carries `flux` units, no channel above MAX_FLUX; `xi` is uniform. `kind` is 0,
-// PHOTON_SHADOW or PHOTON_CAUSTIC.
+// The word of a photon that carries `flux` units, no channel above MAX_FLUX. `kind` is 0, PHOTON_SHADOW or
+// PHOTON_CAUSTIC. Channels are stored in steps of 1/31 units times 8 to the exponent. The uniform `xi` rounds them at
+// random, which keeps the mean; a step is small against the noise of the few dozen photons that an estimate sums.
 fn flux_word(normal: u32, flux: vec3f, xi: f32, kind: u32) -> u32 {
     let largest = max(flux.x, max(flux.y, flux.z));
     let exponent = select(select(select(3u, 2u, largest <= 64.0), 1u, largest <= 8.0), 0u, largest <= 1.0);

@@ -1,8 +1,8 @@
 // Procedural objects: intersection with rays, and surface attributes. docs/procedurals.md specifies their functions;
 // the host composes those of the scene into `package::lib::procedural_functions` (src/procedural). In:
 // `procedural_texels`, PROCEDURAL_TEXELS for each object, at the offsets from PROCEDURAL_TO_OBJECT to
-// PROCEDURAL_TRAITS. Out: hits, in scene units after normalisation. `procedural_misses` counts the rays that exceeded
-// their budget.
+// PROCEDURAL_TRAITS. Out: hits, in scene units after normalisation. `procedural_misses` counts the rays that missed an
+// object because of an error.
 //
 // A hit of an object has in `triangle` the bit PROCEDURAL and the object's number, and in `u` and `v` the octahedral
 // code of its outer normal.
