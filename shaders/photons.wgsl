@@ -27,7 +27,8 @@ import package::lib::constants::{
 override shadow_photons_per_ray: u32;
 
 struct PhotonParameters {
-    // Rays are numbered light by light of the map, round by round: the first rays of any number are spread evenly.
+    // Consecutive rays leave consecutive lights of the map, round by round, so that any number of rays is spread evenly
+    // over the lights.
     first_ray: u32,
     ray_count: u32,
     // Lights of the map.

@@ -177,8 +177,8 @@ fn weigh_list(lane: u32, list: u32, point: Point) -> f32 {
 }
 
 // The factor that scales weights to probabilities of sum `expected`. Lights whose probability is clamped to 1 leave
-// more to the others. Each round finds further such lights; those that the last round finds are sampled slightly less
-// often than they could be.
+// more to the others, and each round finds further such lights. What those leave that are clamped after the last round
+// is not used: the others are sampled slightly less often than they could be.
 @if(zones)
 fn probability_factor(lane: u32, total: f32, expected: u32) -> f32 {
     var factor = f32(expected) / total;

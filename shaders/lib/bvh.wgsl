@@ -40,7 +40,8 @@ import package::lib::constants::{BVH_INDEX_MASK, BVH_NODE_INDEX_MASK, BVH_NODE_T
 @group(1) @binding(0) var<storage, read> bvh_nodes: array<vec4u>;
 
 // Iterations after which a traversal gives up and sets `traversal_overrun`. Software devices end all loops of an
-// invocation without an error after 65,535 iterations in total. An alpha test may add one iteration for each of these.
+// invocation without an error after 65,535 iterations in total. With alpha tests, an iteration may bring one of the
+// outer loop, which is not counted.
 @if(alpha_test) const MAX_ITERATIONS: u32 = 30000u;
 @if(!alpha_test) const MAX_ITERATIONS: u32 = 60000u;
 
@@ -126,7 +127,8 @@ fn begin_traversal(ray: Ray) -> Traversal {
         traversal.outside_sheared = traversal.sheared;
         traversal.outside_inverse = traversal.inverse_direction;
     }
-    // In a small scene each traversal ends within its budget, but all traversals of an invocation may exceed it.
+    // `next_triangle` notices that the budget is exceeded only if nodes are left on the stack. Traversals of a small
+    // scene may leave none there, and exceed the budget all together.
     traversal_overrun |= traversal_iterations >= MAX_ITERATIONS;
     return traversal;
 }

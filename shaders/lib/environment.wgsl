@@ -6,11 +6,11 @@ import package::lib::constants::ENVIRONMENT_HEADER;
 import package::lib::math::{PI, angle_of, circle_point, safe_sqrt};
 @if(texture_loads) import package::lib::table::table_texel;
 
-// Header: size in texels, patches along a side of a cell, rotation in turns; numbers of columns and rows of cells,
-// strength. For each row of cells: cumulative probability; height below the nearer pole at its beginning, and the
-// change of height to its end; one over the solid angle of one column of patches, negative where the nearer pole is the
-// nadir. For each cell, four to a texel: cumulative probability within the row. For each texel of the panorama:
-// radiance.
+// First a header: size in texels, patches along a side of a cell, rotation in turns; numbers of columns and rows of
+// cells, strength. Then for each row of cells: cumulative probability; height below the nearer pole at its beginning,
+// and the change of height to its end; one over the solid angle of one column of patches, negative where the nearer
+// pole is the nadir. Then for each cell, four to a texel: cumulative probability within the row. Then for each texel of
+// the panorama: radiance.
 @if(texture_loads) @group(1) @binding(21) var environment_texels: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(1) @binding(21) var<storage, read> environment_texels: array<vec4f>;
 

@@ -380,8 +380,8 @@ fn visit_leaves(
 //         if hits.second.triangle != NO_HIT && stops(hits.second, ray.t_min, ray.t_max, sample) { ... }
 //     }
 //
-// A packet stops for as many hits at a time as its lanes can hold, because what a kernel does with them takes all lanes
-// as long as one.
+// A packet goes on until one of its lanes has two hits: what a kernel does with hits takes as long for one lane as for
+// all.
 struct Line {
     done: bool,
     @if(!packets) t_max: f32,
@@ -393,7 +393,7 @@ struct Line {
     @if(packets) entry: u32,
 }
 
-// The next hits of a lane, as far as there are any; one by one there is no second.
+// The next hits of a lane; `triangle` is NO_HIT where there is none. A ray that is traced alone has no second.
 struct LineHits {
     first: Hit,
     second: Hit,

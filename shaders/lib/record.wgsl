@@ -14,8 +14,8 @@ import package::lib::constants::{RECORD_HEAD_TEXELS, RECORD_OFF_PLANE, RECORD_PE
 @if(smooth_normals || normal_maps) import package::lib::constants::RECORD_VALUE_TEXELS_CURVED;
 @if(!(smooth_normals || normal_maps)) import package::lib::constants::RECORD_VALUE_TEXELS_FLAT;
 
-// A head has RECORD_HEAD_TEXELS texels: position and radius (as pass `gather` writes it, the size of a pixel there);
-// normal and harmonic mean distance. The values have a texel per channel for the translational gradient and the
+// A head has RECORD_HEAD_TEXELS texels: position and radius (in place of which pass `gather` writes the size of a pixel
+// there); normal and harmonic mean distance. The values have a texel per channel for the translational gradient and the
 // irradiance, then a texel per channel for the rotational gradient.
 @if(smooth_normals || normal_maps) const RECORD_VALUE_TEXELS = RECORD_VALUE_TEXELS_CURVED;
 @if(!(smooth_normals || normal_maps)) const RECORD_VALUE_TEXELS = RECORD_VALUE_TEXELS_FLAT;

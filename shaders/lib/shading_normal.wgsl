@@ -1,4 +1,4 @@
-// Shading normals: those of normal maps, and those that face away from the viewer.
+// Shading normals: normal maps, and the bending of normals that face away from the viewer.
 
 import package::lib::attributes::tangent_frame;
 import package::lib::ray::Hit;

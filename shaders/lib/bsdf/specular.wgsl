@@ -113,9 +113,10 @@ fn mean_with_specular(lobe: Specular, albedo: vec3f) -> vec3f {
     return base + lobe.f0 * means.x + (vec3f(lobe.f90) - lobe.f0) * means.y;
 }
 
-// What a layer above changes beside multiplying that albedo by the mean share that it transmits, over its
-// `layer_rise`. The lobe keeps light from the base at the angles at which the layer does so too, and the base gets
-// more; the lobe reflects most at these angles, and the viewer gets less. Exact for smooth lobes.
+// Under a layer, the albedo is that of `mean_with_specular` times the mean share that the layer transmits, plus this
+// times its `layer_rise`. The lobe keeps light from the base at grazing angles, as the layer does, so the base loses
+// less than the means tell. But the lobe also reflects most at these angles, so the viewer gets less. Exact for smooth
+// lobes.
 @if(glossy)
 fn change_under_layer(lobe: Specular, albedo: vec3f) -> vec3f {
     let means = lobe_means(lobe.alpha);
