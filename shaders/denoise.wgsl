@@ -27,7 +27,8 @@ var<immediate> denoise: DenoiseParameters;
 // Weight of the neighbours' variance, in samples, next to the pixel's own.
 const POOLED_SAMPLES = 4.0;
 // Radii of windows in pixels. The first filter needs no more than 7 x 7, the second gained nothing beyond 11 x 11. The
-// windows of `restrain`, `pool` and `combine` are 5 x 5, and written out.
+// windows of `restrain`, `pool` and `combine` are 5 x 5, and written out: for `combine`, 3 x 3 leave fireflies, and 7 x
+// 7 lose detail with few samples (docs/experiments.md, "What the filter does").
 const FIRST_RADIUS = 3;
 const SECOND_RADIUS = 5;
 // Light is a firefly if its squared distance from the neighbours' mean is more than FAR_FROM_NEIGHBOURS times their
@@ -39,7 +40,8 @@ const WITHIN_OWN = 4.0;
 const MIN_NEIGHBOURS = 5.0;
 // Neighbours of less weight hardly contribute to a spread, and do not count.
 const COUNTED_WEIGHT = 0.3;
-// Squared half-widths of the confidence intervals that must overlap, over the variance: first and second filter.
+// Squared half-widths of the confidence intervals that must overlap, over the variance: first and second filter. With
+// intervals 1.5 times as narrow, errors are up to a quarter larger (docs/experiments.md, "What the filter does").
 const FIRST_INTERVAL = 1.69;
 const SECOND_INTERVAL = 4.0;
 // Ridge of the fitted plane's slopes, in square pixels: a plane through few pixels is level.
