@@ -27,8 +27,8 @@ var<immediate> denoise: DenoiseParameters;
 // Weight of the neighbours' variance, in samples, next to the pixel's own.
 const POOLED_SAMPLES = 4.0;
 // Radii of windows in pixels. The first filter needs no more than 7 x 7, the second gained nothing beyond 11 x 11. The
-// windows of `restrain`, `pool` and `combine` are 5 x 5, and written out: for `combine`, 3 x 3 leave fireflies, and 7 x
-// 7 lose detail with few samples (docs/experiments.md, "What the filter does").
+// windows of `restrain`, `pool` and `combine` are 5 x 5, and written out. For `combine`, 3 x 3 leave fireflies, and
+// larger ones lose detail with few samples (docs/experiments.md, "What the filter does").
 const FIRST_RADIUS = 3;
 const SECOND_RADIUS = 5;
 // Light is a firefly if its squared distance from the neighbours' mean is more than FAR_FROM_NEIGHBOURS times their
