@@ -19,17 +19,18 @@ use crate::statistics::totals::Totals;
 /// Rays of a caustic map for each ray of the global map. More, because few of them hit a focusing surface first.
 const RAYS_PER_FLUX_RAY: u32 = 4;
 
-/// Photons in a cell if all lay evenly in a square around them. The radius of a disc is a cell at most, and smaller
-/// where a cell has more than k / pi = 20 photons: from 64 times the mean density on. A photon alone is about as bright
-/// as all of them would be if spread evenly. (In the first sample of `scenes/still_life.glb` it was 470 times as bright
-/// with cells of a 2^19th of the square, whatever the number of photons.)
+/// Photons in a cell if all lay evenly in a square around them: 1 / pi. A disc has the radius of a cell, so a photon
+/// that is alone in its disc is about as bright as all photons would be if spread evenly. (In the first sample of
+/// `scenes/still_life.glb` it was 470 times as bright with cells of a 2^19th of the square, whatever the number of
+/// photons.) Where a cell has more than k / pi = 20 photons, 64 times the mean, discs are smaller.
 const PHOTONS_PER_CELL: f32 = 0.32;
 
 /// Maximum number of cells in that square.
 const MAX_CELLS: u32 = 1 << 19;
 
-/// Share of the photons that decides whether they are dense within a cube, and how much wider that cube is than these:
-/// there the density has fallen, and larger discs beyond the cube spread little light.
+/// Share of a cube's photons that determines the next cube within it, and the factor by which that cube is wider than
+/// the space around these photons. At its faces the density has fallen, so the larger discs beyond them spread little
+/// light.
 const DENSE_SHARE: f64 = 0.8;
 const MARGIN: f32 = 1.5;
 
@@ -147,7 +148,7 @@ fn dense_shells(photons: &[Photon], shrink: f64) -> (Vec<DenseShell>, Shell) {
     (shells, Shell { centre: centre.into(), inner, ..Shell::ALL })
 }
 
-/// Distance of a photon from the centre of cubes, in half sides of the cube whose face it is on.
+/// Half of the side of the cube about `centre` that has the photon on its surface.
 fn distance(photon: &Photon, centre: Vec3) -> f32 {
     (Vec3::from(photon.position) - centre).abs().max_element()
 }

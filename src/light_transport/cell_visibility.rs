@@ -62,6 +62,7 @@ struct CellTriangle {
 }
 
 impl CellTriangle {
+    /// Twice the area: only ratios of areas are used.
     fn area(&self) -> f64 {
         let [a, b, c] = self.corners;
         (b - a).cross(c - a).length()

@@ -36,8 +36,9 @@ const SHADE_ITERATIONS: u32 = 32_768;
 /// would be missed without it. (The lights of the paper's two scenes: 0.33 and 0.02.)
 const WIDE_LIGHT: f32 = 0.05;
 
-/// Maximum number of points of a tile. Adaptive shadow testing holds all lights of a point at once, and counts per
-/// tile, at most the light points of all lights, must fit in a word. Paths need neither.
+/// Maximum number of points of a tile. Adaptive shadow testing holds all lights of a point at once. Counts of a tile,
+/// which may reach the number of light points of all its candidates, must fit in a word. Path tracing has neither
+/// limit.
 pub(crate) fn max_points(features: &Features, lights: usize, settings: &Settings) -> u32 {
     if settings.technique.is_path_tracing() {
         return u32::MAX;
@@ -127,7 +128,8 @@ impl Sizes {
     fn new(shared: &Shared<'_>, points: u32, lights: u32, all_at_once: bool, settings: &Settings) -> Sizes {
         let light_samples = settings.shadow_rays.samples;
         let visibility_words = light_samples.div_ceil(32);
-        // The light of chunks is rounded one by one: pieces have equal chunks, whatever the size of their tiles.
+        // A sum of light is rounded after each chunk, so all pieces must have the same chunks, whatever the size of
+        // their tiles.
         let points = settings.image.piece.map_or(points, |_| TILE_POINTS.max(points));
         let fitting = (CHUNK_CANDIDATES / points).min(CHUNK_WORDS / (points * visibility_words));
         // For each light, `shade` iterates over the light points and over the edges of the closed form.

@@ -7,11 +7,11 @@ use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::passes::fine_cells::{FineCell, FineCellBindings, FineCellTable, FineCellView, FineCells};
 
-/// Entries of the table for each pixel that surfaces cover and each light, of at most [`COUNTED_LIGHTS`] lights. A view
-/// full of small shadows (`scenes/crowd.glb`, 256 x 256) uses 2.2 a pixel; twice that keeps searches short.
+/// Entries of the table for each pixel that shows a surface, and for each light up to [`COUNTED_LIGHTS`]. A view full
+/// of small shadows (`scenes/crowd.glb`, 256 x 256) uses 2.2 a pixel; twice that keeps searches short.
 const ENTRIES_PER_PIXEL: u64 = 4;
 
-/// More lights seldom have boundaries at the same pixels.
+/// Maximum number of lights by which the table is sized: more lights seldom have boundaries at the same pixels.
 const COUNTED_LIGHTS: u64 = 4;
 
 /// Bounds of the number of entries: 40 bytes each, and a storage binding of 128 MiB holds the cells on all devices.
@@ -96,7 +96,7 @@ impl FineCellMap {
         let mut state = vec![self.view.closed, self.classified_at];
         for ((entry, cell), tag) in cells.iter().enumerate().zip(&tags).filter(|(_, tag)| **tag != 0) {
             state.extend([entry as u32, *tag]);
-            // The list depends on chance.
+            // The order of the list depends on the order of invocations.
             let cell = FineCell { listed: 0, ..*cell };
             state.extend_from_slice(bytemuck::cast_slice(&[cell]));
         }

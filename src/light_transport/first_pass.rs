@@ -1,7 +1,7 @@
 //! The steps of a technique's first pass, which makes the photon maps ("In the first pass the photon map is created").
-//! It runs once, before the first sample. Only the steps of visibility photons may run later: while it is not known
-//! whether such photons pay off, they are emitted after the first sample. A step does nothing if the specialisation
-//! left its kernels out.
+//! It runs once, before the first sample. Only the steps of visibility photons may run later: if the first sample must
+//! show whether such photons pay off, they are emitted after it. A step does nothing if the specialisation left its
+//! kernels out.
 
 use std::mem;
 
@@ -39,7 +39,7 @@ pub(crate) struct FirstPass<'a> {
     /// The camera as kernels read it.
     pub camera_uniform: &'a CameraUniform,
     pub settings: &'a Settings,
-    /// The settings of indirect light, whose numbers of photons and gather rays depend on the first sample.
+    /// The settings with the numbers of photons and gather rays that the first sample has (`settings/stages.rs`).
     pub indirect_settings: &'a Settings,
     /// Maximum number of points of a tile.
     pub points: u32,

@@ -56,7 +56,7 @@ impl GlobalMap {
         Some(self).filter(|map| map.show.is_none())
     }
 
-    /// Bytes that it has on the device, if it is not shown.
+    /// Bytes of the irradiance on the device. The photons of a shown map are not counted.
     pub fn bytes(&self) -> u64 {
         self.irradiance.as_ref().map_or(0, |irradiance| irradiance.bytes)
     }
@@ -99,7 +99,7 @@ impl GlobalMap {
 /// How the photons of the map are traced.
 fn flux_settings(settings: &Settings) -> FluxSettings {
     let indirect = &settings.indirect;
-    // A look-up happens after one bounce, unless the map is shown.
+    // Paths and gather rays make one bounce before they look the map up. If the map is shown, its photons make all.
     let max_bounces =
         if settings.technique.shows_map() { indirect.max_bounces } else { indirect.max_bounces.saturating_sub(1) };
     let rays = settings.flux_photons();

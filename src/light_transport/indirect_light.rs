@@ -40,7 +40,7 @@ pub(crate) struct MadeIndirect {
 /// The passes of indirect light whose time grows with the photons and gather rays of a stage.
 const RAY_PASSES: [&str; 4] = ["flux/", "grid/", "irradiance/", "gather/"];
 
-/// Seconds that indirect light takes, as measured, by rays and by waves.
+/// Measured seconds of indirect light: a part that grows with the rays, and a part for each wave.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct IndirectCost {
     /// For each gather ray of a record, with the photons that go with it.
@@ -51,8 +51,8 @@ pub(crate) struct IndirectCost {
 
 impl IndirectCost {
     /// Derived from a wave of `rays` gather rays per record that took `seconds` in all; `before` and `after` are the
-    /// times of passes around it. If the device has no timestamps, all of the time counts as that of rays, which
-    /// predicts too much.
+    /// times of passes when it began and ended. If the device has no timestamps, all of the time counts as that of
+    /// rays. Predictions for more rays are then too large.
     pub fn new(seconds: f64, rays: u32, before: &BTreeMap<String, f64>, after: &BTreeMap<String, f64>) -> IndirectCost {
         let is_of_rays = |name: &str| RAY_PASSES.iter().any(|pass| name.starts_with(pass));
         let sum = |times: &BTreeMap<String, f64>| -> f64 {

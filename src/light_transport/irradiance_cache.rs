@@ -94,7 +94,8 @@ pub(crate) struct Records {
 }
 
 impl IrradianceCache {
-    /// Places records all over the view and gathers at each, but where those that are `kept` from other views reach.
+    /// Places records all over the view, except where records that are `kept` from other views reach, and gathers at
+    /// each.
     pub fn new(with: &Filling<'_>, kept: Option<Records>, totals: &mut Totals) -> Result<IrradianceCache> {
         let buffers = CacheBuffers::new(with.gpu, with.tile.capacity())?;
         let (mut records, spacings) = match kept.filter(|kept| kept.heads.len() <= MAX_KEPT) {
@@ -311,8 +312,8 @@ impl Records {
         Ok(())
     }
 
-    /// Leaves out records that earlier ones now cover: when they had few rays, gradients looked steep, so records were
-    /// small.
+    /// Leaves out records that earlier ones now cover. With few rays, gradients looked steep, so records were small and
+    /// close together.
     fn leave_out_covered(&mut self, with: &Filling<'_>) -> Result<()> {
         let kept = uncovered(&self.with_radii(with), with.camera, &with.settings.image);
         if kept.len() < self.heads.len() {
@@ -347,7 +348,7 @@ impl Records {
         Ok(())
     }
 
-    /// Irradiance and gradients for the points of the view. More rays add to those that are not filtered.
+    /// The filtered irradiance and gradients, for the points of the view. Later waves add to the unfiltered ones.
     fn filtered_values(&self, with: &Filling<'_>, with_radii: &[RecordHead]) -> Result<Buffer> {
         let values = self.with_noise(with, with_radii, |noisy| noisy.filtered())?;
         let filtered = self.buffers.values_like(with.gpu)?;
@@ -418,7 +419,8 @@ fn neighbour_distances(heads: &[RecordHead], radius: impl Fn(f32, f32) -> f32 + 
     heads.par_iter().map(nearest).collect()
 }
 
-/// The records that those before them do not cover, by the measure by which points need records.
+/// The indices of the records that earlier ones do not cover, by the same measure that decides whether a point needs a
+/// record.
 fn uncovered(heads: &[RecordHead], camera: &CameraUniform, image: &ImageSettings) -> Vec<usize> {
     let blocks = BlockGrid::new([image.width, image.height]);
     let mut by_block = vec![Vec::<usize>::new(); blocks.count()];

@@ -29,7 +29,8 @@ const OUTLIERS: [f64; 2] = [1.5, 2.25];
 /// blurred slopes than the noise that they remove: `scenes/uplight.glb` with 16 samples had 1.2 times the error.
 const NOISE: [f64; 2] = [0.01, 0.03];
 
-/// Squared half-width of the confidence intervals that must overlap, over the variance; chosen as the reach was.
+/// Squared half-width of the confidence intervals that must overlap, over the variance (docs/experiments.md, "Filtered
+/// records").
 const INTERVAL: f64 = 1.0;
 
 /// The estimated irradiance of a record or of a mean, and its variance.
@@ -67,7 +68,7 @@ impl NoisyRecords<'_> {
         let grid = RecordGrid::of_some(self.heads, self.heads.len().div_ceil(OUTLIER_RECORDS).max(1), reach);
         let known_of = |i: usize| Known { irradiance: self.irradiance(i), variance: self.variances[i].into() };
         let known: Vec<Known> = (0..self.heads.len()).map(known_of).collect();
-        // Each record is a member of hundreds.
+        // Computed once, because each record is a neighbour of hundreds of others.
         let deviations: Vec<f64> = known.iter().map(|known| known.variance.sqrt()).collect();
         let lights: Vec<f64> = known.iter().map(|known| known.irradiance.length()).collect();
         let spread = |i: usize| {

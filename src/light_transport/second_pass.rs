@@ -48,8 +48,8 @@ impl SecondPass<'_, '_> {
     }
 
     /// Gives each point the class of its fine cell for each light, if the cell has one, and queues it by its class for
-    /// shadow rays or an audit. Without cells and map every point that does not face away from the light is unknown
-    /// (pass `classify`).
+    /// shadow rays or an audit. If there are neither fine cells nor a map, every point is unknown unless it faces away
+    /// from the light (pass `classify`).
     pub fn classify(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.classify(frame, tile, lights));
     }
@@ -199,8 +199,8 @@ impl SecondPass<'_, '_> {
         }
     }
 
-    /// Whether there are several lights whose order matters to adaptive shadow testing. With one light the technique is
-    /// the same as `two-pass`.
+    /// Whether adaptive shadow testing orders the lights. It does not if there is one light or too many, or if nothing
+    /// is to be lit: the technique is then the same as `two-pass`.
     pub fn has_adaptive_testing(&self) -> bool {
         self.lighting.adaptive_testing.is_some()
     }
@@ -210,7 +210,8 @@ impl SecondPass<'_, '_> {
         self.lighting.cells.is_some()
     }
 
-    /// Whether there are lists of the surfaces around each light. If nothing is to be lit, there are no lists.
+    /// Whether there are lists of the surfaces around each light. There are none if nothing is to be lit, or if there
+    /// are too many lights.
     pub fn has_light_buffers(&self) -> bool {
         self.lighting.light_buffers.is_some()
     }

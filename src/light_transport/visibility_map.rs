@@ -19,7 +19,7 @@ use crate::statistics::totals::Totals;
 /// They still count as wrong, and later audits find them again.
 const REPAIRS_PER_SORT: u32 = 1 << 16;
 
-/// Maximum number of photons that audits add to a map in total.
+/// Maximum number of photons that audits add to a map in total. The map keeps 4 MiB of room for them.
 const MAX_REPAIRS: u32 = 1 << 18;
 
 pub(crate) struct MapKernels {
