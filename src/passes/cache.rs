@@ -180,7 +180,7 @@ pub struct CacheBuffers {
     wanted_points: Buffer,
     /// The points for path tracing: those that no record covers, and those that are not Lambertian.
     pub paths: PathQueue,
-    /// Room for a hit of a gather ray, which the queued points are not.
+    /// A hit that nothing reads: queued points are no hits of gather rays, but pass `path` must have the binding.
     no_hits: Buffer,
 }
 

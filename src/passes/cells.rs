@@ -76,7 +76,7 @@ pub struct CellGrid {
     pub lights: u32,
     /// Rays from each cell to each light.
     pub rays: u32,
-    /// Seed that samples the light points.
+    /// Seed of the random numbers that sample light points.
     pub seed: u32,
 }
 

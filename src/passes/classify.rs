@@ -9,13 +9,14 @@ use crate::Result;
 use crate::kernels::{CLASSIFY_CANDIDATES, GridShape, Queue};
 use crate::specialisation::features::{Feature, Features};
 
-/// Probabilities with which lit and shadowed candidates are audited, 1 for all that are above it; see
+/// Probabilities with which lit and shadowed candidates are audited. Values above 1 count as 1. See
 /// `shaders/lib/class_word.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AuditProbabilities {
     /// Away from boundaries.
     pub away: f32,
-    /// Near them, in parts of divided cells that have few photons; a quarter of it where they have many.
+    /// Near boundaries: in parts of divided cells that have few photons. Parts that have many are audited a quarter as
+    /// often.
     pub near: f32,
 }
 
@@ -95,7 +96,7 @@ pub struct ClassifyBuffers {
     /// Indirect arguments, by [`Queue::arguments_offset`].
     pub queue_arguments: Buffer,
     query_queue: Buffer,
-    /// [`Queue::CANDIDATES`].
+    /// The queues of [`Queue::CANDIDATES`], one after the other.
     queues: Buffer,
 }
 
@@ -288,8 +289,9 @@ impl BoundClassify {
         }
     }
 
-    /// Classifies the points that are left by the requested cells; with [`Feature::ExactCounts`] by a search for their
-    /// nearest photons. Queues all that [`BoundClassify::look_up`] had.
+    /// Classifies the points that [`BoundClassify::look_up`] left undecided: by the requested cells, or with
+    /// [`Feature::ExactCounts`] by a search for their nearest photons. Then queues all points that it looked up, by
+    /// their classes.
     pub fn query(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let Some(CellRequests { query, .. }) = &self.requests else { return };
         let parameters = self.parameters(tile, chunk, Queue::Query, self.group);
@@ -307,7 +309,7 @@ impl BoundClassify {
     }
 
     /// Counts the classes that another pass wrote, and queues the candidates that need shadow rays. The queues must be
-    /// empty. Without other passes there are none.
+    /// empty. Does nothing if no other pass writes classes.
     pub fn compact(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
         if let Some(compact) = &self.compact {
             self.run_over_candidates(frame, compact, tile, chunk);

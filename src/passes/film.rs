@@ -16,7 +16,8 @@ shared_struct! {
         pub point_count: u32,
         /// Index of the first of them among the samples.
         pub first_point: u32,
-        /// Number of samples that change.
+        /// For corrections, the number of samples of a pixel that change; 0 where the square of the change is already
+        /// counted.
         pub earlier_samples: u32,
     }
 }

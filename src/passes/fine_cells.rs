@@ -36,7 +36,7 @@ shared_struct! {
         pub illumination: u32,
         /// Points with one that did not.
         pub shadow: u32,
-        /// Entry of the cell that came into the table in this place.
+        /// In entry i of the table, the entry of the i-th cell that was added: together, a list of all cells.
         pub listed: u32,
         /// To a multiple of 16 bytes.
         pub padding: u32,

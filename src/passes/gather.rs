@@ -78,8 +78,8 @@ shared_struct! {
 
 const _: () = assert!(RECORD_HEAD_TEXELS as usize * size_of::<[f32; 4]>() == size_of::<RecordHead>());
 
-/// Maximum number of rays in a dispatch, unless a record has more: some 15 MiB for rays that hit Lambertian surfaces,
-/// more for glossy ones, and too short for a desktop's watchdog to stop it.
+/// Maximum number of rays in a dispatch, unless a record has more. Their buffers take some 15 MiB where rays hit
+/// Lambertian surfaces, and more at glossy ones. The dispatch is too short for a desktop's watchdog to stop it.
 const DISPATCH_RAYS: u32 = 1 << 17;
 
 /// The pass; see `shaders/gather.wgsl`.
@@ -159,8 +159,8 @@ impl RecordBuffers {
     }
 }
 
-/// Rays that records get together. Both numbers are powers of two, or `earlier` is 0; and `rays` is at most `earlier`
-/// unless that is 0.
+/// Rays that records get together. `rays` is a power of two. `earlier` is 0, or a power of two that is not less than
+/// `rays`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wave {
     /// Rays that each record has.
@@ -262,7 +262,7 @@ impl RayBuffers {
     }
 
     /// Makes room for a wave of `rays` rays of each of `records` records, or for the maximum of a dispatch if that is
-    /// less, and in any case for one record. Returns whether the buffers are others now.
+    /// less, and in any case for one record. Returns whether it made new buffers.
     ///
     /// # Errors
     /// As [`Gpu::buffer`].

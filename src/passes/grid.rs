@@ -290,8 +290,8 @@ shared_struct! {
     }
 }
 
-/// Maximum number of requested cells: 6 MiB. If more are requested, no further cell gets a class, and points there
-/// trace shadow rays: which of them had an entry would depend on the order of invocations.
+/// Maximum number of requested cells: 6 MiB. If more are requested, none of the new ones gets a class, and their points
+/// trace shadow rays: otherwise the order of invocations would decide which cells get one.
 const MAX_REQUESTS: usize = 1 << 18;
 
 /// The classification of requested cells, which runs after a sample's requests and before `query` looks the classes up.

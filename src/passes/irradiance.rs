@@ -56,10 +56,10 @@ pub const IRRADIANCE_NEAREST: u32 = 64;
 pub const MAP_PHOTONS_PER_CELL: f32 = 0.35 * IRRADIANCE_NEAREST as f32;
 
 /// Rays of the global map for each ray whose photons become irradiance points. A disc then holds eight irradiance
-/// points. Their values are nearly equal, but the clear parts of the discs must cover the surface, since rays that hit
-/// none continue as paths. Four discs would leave out a thirteenth of an open surface, eight leave out a hundredth.
-/// They come from rays of their own, not from the map's: these are stratified, so the density around a photon of the
-/// map is too low (by 1 % in the paper's box).
+/// points. Their values are nearly equal, but the clear parts of the discs, without edges, walls or gaps, must cover the
+/// surface: rays that hit none continue as paths. Four discs would leave out a thirteenth of an open surface, eight
+/// leave out a hundredth. Irradiance points come from rays of their own. The rays of the map are stratified, so the
+/// density around its photons is too low (by 1 % in the paper's box).
 pub const RAYS_PER_IRRADIANCE_POINT_RAY: u32 = 8;
 
 /// Irradiance points in a cell of their grid, on an evenly covered surface. A look-up reads 2 x 2 cells of the surface.
@@ -165,7 +165,7 @@ pub struct ShownMap<'a> {
     pub step: f64,
     /// Factor on the radius of the disc that would hold [`IRRADIANCE_NEAREST`] photons.
     pub shrink: f64,
-    /// Lights whose unshadowed light is added.
+    /// Number of lights, from the first one on, whose unshadowed light is added.
     pub unshadowed: u32,
     /// The points of the tile that use the caustic map.
     pub shell: Shell,

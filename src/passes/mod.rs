@@ -152,7 +152,7 @@ pub(crate) fn kernel(
     })
 }
 
-/// The entry points of a kernel that change what earlier samples gave, which first samples do not do.
+/// The entry points of a kernel that change earlier samples: no first sample needs them.
 fn late_entries(stem: &str) -> &'static [&'static str] {
     match stem {
         "cache" => &["change"],

@@ -17,7 +17,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// The inputs of the kernel, and the candidates that it writes.
+    /// The candidates that the kernel writes.
     struct SampleLightsBindings {
         pub sampled_lights: &Buffer,
     }

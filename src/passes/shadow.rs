@@ -18,7 +18,7 @@ shared_struct! {
         pub light_samples: u32,
         /// Words of visibilities of a candidate: 32 light points each.
         pub visibility_words: u32,
-        /// Maximum number of photons that audits add to the map.
+        /// Number of photons for which [`Repairs`] has room.
         pub repair_capacity: u32,
     }
 }
@@ -61,7 +61,7 @@ pub struct ShadowBuffers<'a> {
     pub queue_lengths: &'a Buffer,
     /// Visibility bits of the candidates.
     pub visibility: &'a Buffer,
-    /// Photons that audits add to the map; `None` if there are no audits.
+    /// Photons that audits add to the map; `None` without a map.
     pub repairs: Option<&'a Repairs>,
 }
 

@@ -119,7 +119,7 @@ impl Ward {
         Ok(Ward(kernel(gpu, "ward", features, constants, &[WardBindings::DECLARED])?))
     }
 
-    /// Binds the pass. The classes are those before dilation.
+    /// Binds the pass.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
