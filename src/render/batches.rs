@@ -203,8 +203,8 @@ impl Renderer<'_> {
         layers
     }
 
-    /// Decides how the next batch is shaded, by the number of points that pass `shade` sampled light for in this one,
-    /// of `points` points.
+    /// Decides how the next batch is shaded. In this one, pass `shade` sampled the light of `sampled` of `points`
+    /// points, counted once for each chunk of lights.
     fn decide_on_shading(&mut self, sampled: u64, points: u64) {
         if self.piece_sums.is_some() {
             return;
@@ -213,9 +213,9 @@ impl Renderer<'_> {
         self.sampling.shade_at_once = sampled as f64 > AT_ONCE_SHARE * (points * chunks as u64) as f64;
     }
 
-    /// Classifies the fine cells by the shadow rays so far. Repairs the visibility map after the second batch, the
-    /// fourth, the eighth, and so on, because audits find most mistakes early; so sorting the map again takes a small
-    /// part of a long render. There is no repair after one or two samples per pixel, whose audits find few mistakes.
+    /// Classifies the fine cells by the shadow rays so far. Repairs the visibility map after 1, 2, 4, 8, ... batches,
+    /// because audits find most mistakes early. Sorting the map again then takes a small part of a long render. There
+    /// is no repair after one or two samples per pixel, whose audits find few mistakes.
     fn repair_map(&mut self) -> Result<()> {
         let due = self.sampling.samples > 2 && self.sampling.batches.is_power_of_two();
         self.view.lighting.classify_fine_cells(self.gpu, self.sampling.samples)?;

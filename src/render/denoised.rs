@@ -1,4 +1,4 @@
-//! Images without noise of a render.
+//! Denoised images of a render.
 
 use super::denoise::{Denoiser, Noisy};
 use super::noisy::{add_denoised, noisy};
@@ -8,10 +8,10 @@ use crate::settings::{Crop, Denoise};
 use crate::{Error, Image, Result};
 
 impl Renderer<'_> {
-    /// As [`Renderer::image`], with the channels `denoised.R`, `denoised.G` and `denoised.B` of the image without
-    /// noise; `error`, their estimated standard error (the root of the mean square over the three); and
-    /// `relative_error`, the root of the estimated relMSE. There are no errors after a single sample. Without denoisers
-    /// it is the same as [`Renderer::image`].
+    /// As [`Renderer::image`], with the channels `denoised.R`, `denoised.G` and `denoised.B` of the denoised image;
+    /// `error`, their estimated standard error (the root of the mean square over the three); and `relative_error`, the
+    /// root of the estimated relMSE. There are no errors after a single sample. Without denoisers it is the same as
+    /// [`Renderer::image`].
     ///
     /// # Errors
     /// As [`Renderer::image`]; [`Error::Setting`] if the render keeps nothing for denoisers, because

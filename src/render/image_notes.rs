@@ -5,8 +5,8 @@ use crate::Image;
 use crate::settings::{Aov, Denoise};
 use crate::statistics::Counter;
 
-/// Radiance of the brightest pixel below which squares are lost: 2^-55. Devices may round numbers below 2^-126 to 0,
-/// which is the square of 2^-63: 1/256 of this, the smallest step of a picture with eight bits.
+/// Radiance of the brightest pixel below which squares are lost: 2^-55. The smallest step of a picture with eight bits
+/// is then 1/256 of it, 2^-63, whose square is 2^-126. Devices may round smaller numbers to 0.
 const DIM: f32 = 1.0 / (1u64 << 55) as f32;
 
 impl Renderer<'_> {

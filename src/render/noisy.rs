@@ -1,5 +1,5 @@
-//! Sums of samples without noise: the input of denoisers, and the channels of their output, whether the samples are
-//! those of a render or of merged pieces.
+//! Denoising of sums of samples, which are those of a render or of merged pieces: the input of denoisers, and the
+//! channels of their output.
 
 use glam::{DVec3, DVec4};
 use kernel_kit::Gpu;
@@ -41,8 +41,8 @@ pub(super) fn add_denoised(
     Ok(())
 }
 
-/// Adds the part of a background's colour that is seen in each pixel to an image without noise, and the error of that
-/// part to its errors.
+/// Adds the part of a background's colour that is seen in each pixel to a denoised image, and the error of that part to
+/// its errors.
 pub(super) fn add_background(denoised: &mut Denoised, sums: &dyn Sums, background: Background) -> Result<()> {
     let Some(background) = colour_of(background) else { return Ok(()) };
     let means = means(sums, Quantity::Direct)?.unwrap_or_default();
@@ -145,8 +145,8 @@ fn coverage_variances(sums: &dyn Sums, means: &[DVec4]) -> Result<Vec<f64>> {
     Ok(variances.into_iter().map(|variance| factor * variance).collect())
 }
 
-/// Pixels whose samples show nothing, or the environment alone: without a surface, a lens, or a random choice (w of
-/// `albedo`).
+/// Pixels whose samples show nothing, or the environment alone. Those of the second kind have no surface and no random
+/// choice (w of `albedo`), and the camera has no lens.
 fn clean(coverage: &[f64], may_have_lens: bool, albedo: &[DVec4], position: &[DVec4]) -> Vec<bool> {
     let is_clean = |(i, coverage): (usize, &f64)| {
         let without_surface = || position.get(i).is_some_and(|p| p.w == 0.0) && albedo[i].w == 0.0;

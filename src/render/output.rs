@@ -138,7 +138,7 @@ impl Sums for Film<'_> {
             Quantity::Indirect => 1,
             _ => return Ok(None),
         };
-        // A piece has samples of one half, or of both.
+        // A piece may have samples of one half alone.
         if self.renderer.sampling.samples < 2 || self.piece_sums().is_some() {
             return Ok(None);
         }

@@ -30,8 +30,7 @@ pub struct Renderer<'g> {
     pub(super) gpu: &'g Gpu,
     pub(super) scene: Scene,
     pub(super) camera: Camera,
-    /// The settings of this view: as [`Renderer::settings`], except for the image's size and, in a preview, the number
-    /// of photons.
+    /// See [`Renderer::settings`].
     pub(super) settings: Settings,
     /// Visibility photons per light that the user requested; `None`: the number follows from the size of the image.
     pub(super) requested_photons: Option<u32>,
@@ -178,7 +177,8 @@ impl<'g> Renderer<'g> {
         self.sampling.samples
     }
 
-    /// The settings, as they were given.
+    /// The settings of this view: those that were given, with the view's image size and, in a preview, the number of
+    /// visibility photons that the previous view had.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }

@@ -19,7 +19,7 @@ pub(super) struct TileSize {
     pub rows: u32,
     /// Maximum number of samples of a pixel.
     pub layers: u32,
-    /// Maximum number of points, of samples or of irradiance records.
+    /// Maximum number of points: of samples, or of pixels that may get an irradiance record.
     pub points: u32,
 }
 
@@ -85,8 +85,8 @@ pub(super) struct TileFilm {
 }
 
 /// The number of samples in the first of two halves whose difference estimates the error: the largest power of two that
-/// is at most half of all. The first that many points of a Sobol sequence are stratified, and so are the next ones.
-/// `samples` is at least 2.
+/// is at most half of all. The first 2^k points of a Sobol sequence are stratified, and so are the next 2^k. `samples`
+/// is at least 2.
 pub(super) fn first_half(samples: u32) -> u32 {
     1 << (samples.ilog2() - 1)
 }

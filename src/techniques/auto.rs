@@ -76,9 +76,9 @@ const MAX_TIMES_OF_PATHS: f64 = 5.0;
 /// error of the default technique, and at sixty about the same error.
 const MAX_TIMES_OF_PATHS_UNDER_SKY: f64 = 25.0;
 
-/// Samples that `path` takes of an isolated model in the expected time of the first sample of the default technique: 5
-/// to 11 were measured with times of 4 to 30 s. If fewer samples are requested, the render ends early, and `path` is
-/// not used: one of its samples has no less noise than one of the default technique.
+/// Samples that `path` takes of an isolated model in the expected time of the first sample of the default technique,
+/// with a margin: 5 to 11 were measured with times of 4 to 30 s. If fewer samples are requested, the render ends early,
+/// and `path` is not used: one of its samples has no less noise than one of the default technique.
 const MAX_PATHS_IN_FIRST_SAMPLE: f64 = 13.0;
 
 /// As [`MIN_TIMES_TO_SHARE`], for `path` and an isolated model. The first sample of `path` takes about half as long.
@@ -97,8 +97,7 @@ impl Choice {
     /// one of `path`.
     ///
     /// Adaptive sampling removes up to half of the error at equal time (docs/decisions.md, "Adaptive sampling with a
-    /// fixed budget").
-    /// Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
+    /// fixed budget"). Nothing was measured on a GPU, where the estimates of noise may cost more than they gain.
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,

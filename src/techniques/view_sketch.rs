@@ -12,7 +12,8 @@ use crate::scene::{Camera, Scene, SurfaceSearch};
 /// Rays from the camera along each axis of the image. With this many, shares are right within a few hundredths.
 const SIDE: u32 = 16;
 
-/// The next ray starts above the surface by this share of the way to it, far more than rounding in double precision.
+/// Share of the way to a surface that is left before it, where the next ray starts: far more than rounding in double
+/// precision.
 const OFFSET: f64 = 1e-4;
 
 /// Isolated models cover 0.10 to 0.49 of the image. A ball on a floor covers 0.59, and there `path` has the larger

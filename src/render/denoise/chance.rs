@@ -8,7 +8,7 @@ use glam::DVec3;
 /// light, so 7 x 7 pixels with one sample each contain two reflections.
 const REACH: usize = 3;
 
-/// Added to the variance of the choices: a single choice among 49 pixels has 0.02.
+/// Added to the variance of the choices, so that it is never 0. A single choice among 49 pixels has a variance of 0.02.
 const RIDGE: f64 = 1e-4;
 
 /// The guides of a pixel's samples, and the random choices behind them.

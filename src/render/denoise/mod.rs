@@ -152,7 +152,7 @@ pub struct Denoiser {
     pub(super) is_quick: bool,
 }
 
-/// An image without noise.
+/// A denoised image.
 pub(super) struct Denoised {
     pub colour: Vec<Colour>,
     /// The estimated standard errors of each pixel; `None` for a single sample, whose error is unknown.

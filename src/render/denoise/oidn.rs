@@ -200,13 +200,13 @@ impl OpenImageDenoise {
         outcome.map(|()| output)
     }
 
-    /// The guides without noise, which they have at edges and where glass or rough mirrors are seen.
+    /// The guides, denoised: they are noisy at edges, and where glass or rough mirrors are seen.
     fn denoise_guides(&self, size: [u32; 2], guides: &Guides) -> Result<[Vec<Colour>; 2]> {
         let albedo = self.execute(size, &[Picture::input(c"albedo", &guides.albedo)], &[])?;
         Ok([albedo, self.execute(size, &[Picture::input(c"normal", &guides.normal)], &[])?])
     }
 
-    /// The colour without noise, guided by albedo and normals without noise.
+    /// The colour, denoised with albedo and normals as guides, which the library takes to be free of noise.
     fn denoise(&self, size: [u32; 2], colour: &[Colour], [albedo, normal]: [&[Colour]; 2]) -> Result<Vec<Colour>> {
         let inputs =
             [Picture::input(c"color", colour), Picture::input(c"albedo", albedo), Picture::input(c"normal", normal)];

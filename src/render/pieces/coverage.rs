@@ -80,7 +80,7 @@ pub(super) fn missing(size: [u32; 2], samples: u32, pieces: &[Extent]) -> Vec<Mi
             next = next.max(range.end);
         }
     }
-    // Then rows of equal spans.
+    // Joins parts that lie below each other, have the same columns and lack the same samples.
     let mut joined: Vec<MissingSamples> = Vec::new();
     for part in missing {
         let above = joined.iter_mut().find(|other| {

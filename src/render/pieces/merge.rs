@@ -79,8 +79,8 @@ impl Pieces {
         self.files.iter().map(|(_, description)| extent_of(description)).collect()
     }
 
-    /// The image of all samples of the pieces: with the same bits for every cut, if none is [`Pieces::missing`]. Pixels
-    /// without samples are black. One piece at a time is in memory.
+    /// The image of all samples of the pieces. If none is [`Pieces::missing`], it has the same bits however it was
+    /// divided. Pixels without samples are black. One piece at a time is in memory.
     ///
     /// # Errors
     /// [`Error::Input`] that names a file that is damaged; [`Error::Memory`] if the machine has too little.
