@@ -18,7 +18,7 @@ pub(crate) const PACKET_LANES: u32 = 2 * WIDTH as u32;
 /// Bits of an entry that hold the index of a node or a triangle; above them is a leaf's number of triangles.
 const ENTRY_INDEX_BITS: u32 = 29;
 
-/// The box of a child that there is not: every ray that can be traced leaves it before it enters it.
+/// The box of a missing child. Its planes are swapped: every ray that can be traced leaves it before it enters it.
 const NOWHERE: Aabb = Aabb { min: Vec3::splat(MAX_COORDINATE), max: Vec3::splat(-MAX_COORDINATE) };
 
 impl Bvh {

@@ -1,7 +1,7 @@
 //! Cumulative probabilities, as kernels search them.
 
-/// Minimum probability of what has a weight. It is 16 ULP of the f32 cumulative probabilities, so that rounding gives
-/// nothing that has a weight the probability 0.
+/// Minimum probability of everything that has a weight: 16 ULP of cumulative probabilities in f32, so that rounding
+/// leaves more than 0 of it.
 const MIN_PROBABILITY: f64 = 1.0 / (1 << 20) as f64;
 
 /// Cumulative probabilities by weight, the last being 1; uniform if all weights are 0.

@@ -28,7 +28,7 @@ const MAX_TEXELS: u64 = 1 << 25;
 pub struct GpuEnvironment {
     /// Header, rows of cells, cells, texels.
     pub(super) table: Table,
-    /// Radiance, mean of the three channels, times solid angle.
+    /// The integral of radiance, mean of the three channels, over solid angle.
     pub(super) irradiance: f64,
     /// Bytes of the table.
     pub bytes: u64,

@@ -55,7 +55,7 @@ shared_struct! {
         pub first_cell: u32,
         /// Coordinates where the cells of a directional light begin.
         pub low: [f32; 2],
-        /// Edge of these cells; 0 of other lights.
+        /// Edge of these cells; 0 for other lights.
         pub cell: f32,
         padding: u32,
     }
@@ -64,7 +64,7 @@ shared_struct! {
 /// The light buffers of all lights, as the kernel reads them.
 #[derive(Default)]
 pub struct LightBuffers {
-    /// One of each light.
+    /// One for each light.
     pub lights: Vec<BufferedLight>,
     /// For each cell, the first texel of its list, above [`occluder::COUNT_BITS`] bits for the number of its texels.
     pub cells: Vec<u32>,

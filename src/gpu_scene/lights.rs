@@ -161,7 +161,8 @@ fn add_sampling(texels: &mut [LightTexels], lights: &[LightInfo]) {
     let total: f64 = lights.iter().map(|light| light.power).sum();
     let mut cumulative = 0.0;
     let mut below = 0f32;
-    // In units of the strongest light, so that potentials do not depend on the scene's units.
+    // In units of the strongest light, so that potentials do not depend on the scene's units. Kernels multiply the
+    // strength of a punctual light by the irradiance from it, so that is 1 in these units.
     let unit = lights.iter().map(|light| light.emission.strength).fold(f64::MIN_POSITIVE, f64::max);
     for (i, light) in lights.iter().enumerate() {
         cumulative += if total > 0.0 { 0.5 * light.power / total + 0.5 / count } else { 1.0 / count };

@@ -10,8 +10,8 @@ use crate::scene::Scene;
 /// to be classified and the rows of a search, and decides no more points; twice decides 1 % fewer.
 pub const PHOTONS_PER_CELL: f32 = 0.16;
 
-/// Maximum number of cells of a map, all lights together: 20 bytes each, and again where tables are textures. The
-/// methods that classify cells by rays need 8 bytes each.
+/// Maximum number of cells of a map, all lights together: 28 bytes each, and 20 of them again where tables are
+/// textures. The methods that classify cells by rays need 8 bytes each.
 const MAX_CELLS: f64 = (1u32 << 22) as f64;
 
 shared_struct! {

@@ -138,7 +138,7 @@ pub enum Queue {
     Audit = 2,
     /// Points (not candidates) whose light is sampled. Pass `shade` fills and consumes it.
     Sampled = 3,
-    /// No queue, but the length of the boundary queue before dilation adds to it.
+    /// No queue: its length is that of the boundary queue before dilation.
     Undilated = 4,
 }
 
@@ -227,10 +227,11 @@ pub const PHOTON_COUNT_HEADER: u32 = 2;
 /// Words of a light's photon counts: illumination photons and shadow photons.
 pub const PHOTON_COUNTS_PER_LIGHT: u32 = 2;
 
-/// Steps of a photon's encoded flux to a unit.
+/// Steps of a photon's encoded flux to a unit: a channel has five bits.
 pub const FLUX_STEPS: u32 = 31;
 
-/// Maximum flux of a photon in units; what a photon carries beyond it is lost, and counted.
+/// Maximum flux of a photon in units: 8^3, because two bits hold the exponent of a factor of 8. What a photon carries
+/// beyond it is lost, and counted.
 pub const MAX_FLUX: u32 = 512;
 
 /// Maximum number of lights whose unshadowed light a dispatch of pass `irradiance` adds: lavapipe ends all loops of an

@@ -56,8 +56,8 @@ pub const IRRADIANCE_NEAREST: u32 = 64;
 pub const MAP_PHOTONS_PER_CELL: f32 = 0.35 * IRRADIANCE_NEAREST as f32;
 
 /// Rays of the global map for each ray whose photons become irradiance points. A disc then holds eight irradiance
-/// points. Their values are nearly equal, but the clear parts of the discs, without edges, walls or gaps, must cover the
-/// surface: rays that hit none continue as paths. Four discs would leave out a thirteenth of an open surface, eight
+/// points. Their values are nearly equal, but the clear parts of the discs (without edges, walls or gaps) must cover
+/// the surface: rays that hit none continue as paths. Four discs would leave out a thirteenth of an open surface, eight
 /// leave out a hundredth. Irradiance points come from rays of their own. The rays of the map are stratified, so the
 /// density around its photons is too low (by 1 % in the paper's box).
 pub const RAYS_PER_IRRADIANCE_POINT_RAY: u32 = 8;

@@ -7,8 +7,9 @@ use glam::{DVec3, Vec3};
 
 use crate::scene::{LightKind, Material, Scene, SharedMesh};
 
-/// Minimum probability of hitting a light from which on rays sampled from the BSDF complement light points; see
-/// `shaders/lib/bsdf_rays.wgsl`. The measurements are in docs/experiments.md, "BSDF rays that may hit a light".
+/// Rays sampled from the BSDF complement light points where the upper bound of their probability of hitting a light is
+/// at least this; see `shaders/lib/bsdf_rays.wgsl`. The measurements are in docs/experiments.md, "BSDF rays that may
+/// hit a light".
 pub(crate) const MIN_HIT_PROBABILITY: f64 = 1.0;
 
 /// Upper bound, over all surfaces and lights, of the probability that a ray sampled from the BSDF of a surface hits a

@@ -84,8 +84,9 @@ fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
     longest2 > LONG * height
 }
 
-/// Whether a material may focus light: it refracts light, or is a smooth metal or a thin film. This is decided by its
-/// factors, which textures can only reduce.
+/// Whether a material may focus light: it refracts light, or is smooth and reflects much light, as metals, thin films
+/// and dense dielectrics do (an index of 2.6 reflects a fifth head-on, and an index of 0 stands for infinity). This is
+/// decided by its factors, which textures can only reduce.
 fn focuses(m: &Material) -> bool {
     let dense = m.specular.factor > 0.0 && (m.ior == 0.0 || m.ior > 2.6);
     let metal = m.metallic > 0.0 || dense || has_lobe(m, LobeRole::Film);

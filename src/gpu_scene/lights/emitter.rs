@@ -50,7 +50,7 @@ impl ConvexLamp<'_> {
     pub fn cumulative_views(&self, side: u32, receivers: Option<ReceiverBounds>) -> Vec<[f32; 4]> {
         let facets = self.facets();
         let corners = side + 1;
-        // Margin for rounded directions, and the least that counts of a triangle that may be seen.
+        // Margin for rounded directions, and the minimum weight of a triangle that may be visible.
         let least = 0.25 / f64::from(side);
         let sent: Vec<f64> = (0..corners * corners)
             .into_par_iter()
