@@ -117,7 +117,7 @@ impl EnvironmentTexels {
             vec![[*width as f32, *height as f32, step as f32, turn], [columns as f32, rows as f32, strength, 0.0]];
         for (row, cumulative) in (0..rows).zip(cumulative(&row_weights)) {
             let ends = [angle(row * step), angle(((row + 1) * step).min(height + 1))];
-            // Heights below the nearer pole, which are precise: the zenith for rows above the horizon.
+            // Heights below the nearer pole, from which they are precise: the zenith for rows above the horizon.
             let above = ends[0] + ends[1] <= PI;
             let [first, last] = ends.map(|end| match above {
                 true => 2.0 * (end / 2.0).sin().powi(2),

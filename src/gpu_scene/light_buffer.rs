@@ -26,7 +26,7 @@ const MAX_LISTED: usize = 31;
 /// Maximum number of cells of all lights together: 128 MiB of lists if all of them are full.
 const MAX_CELLS: usize = 1 << 19;
 
-/// Margin of the bounds of lights, and its share of the distance of far ones: rays start and end up to 256
+/// Margin of the bounds of lights, and more of it as a share of their distance: rays start and end up to 256
 /// representable steps per coordinate off their surfaces, 2.6e-5 where coordinates are below 1, and kernels round.
 const SPARE: f64 = 4e-5;
 const SPARE_OF_DISTANCE: f64 = 4e-7;

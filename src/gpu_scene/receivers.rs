@@ -62,7 +62,7 @@ pub(super) struct ReceiverCone {
 
 impl ReceiverCone {
     /// The share of the emission about the normal, by the cosine law, that is in the cone; 1 if the cone reaches below
-    /// the surface, which then emits to all sides.
+    /// the surface, which then emits over its whole hemisphere.
     pub fn share(&self, normal: DVec3) -> f64 {
         let cosine = self.axis.dot(normal);
         if cosine > 0.0 && cosine * cosine > self.squared_sine { self.squared_sine * cosine } else { 1.0 }

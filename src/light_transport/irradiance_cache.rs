@@ -194,7 +194,8 @@ impl Records {
         bind(with, buffers, &with_radii, &values)
     }
 
-    /// Adds records where the points of an image of one pixel for `spacing` have too few. Returns whether it added any.
+    /// Adds records where points have too few. There is one point for `spacing` x `spacing` pixels of the image.
+    /// Returns whether it added any.
     fn fill_at(
         &mut self,
         with: &Filling<'_>,

@@ -4,10 +4,10 @@
 
 use super::denoise::RELMSE_FLOOR;
 
-/// Squared error of the mean of samples of one low-discrepancy sequence, over what the difference of its parts would
-/// give for independent samples: its points avoid each other, so its parts differ by more than the mean errs. It was
-/// 0.31 / 0.72 = 0.43 in the crowd with 4 samples, and 0.55 / 0.67 = 0.82 in the sphere by `path` with 16
-/// (docs/decisions.md, "Denoising").
+/// Squared error of the mean of samples, over the estimate from the difference of their parts. That estimate takes
+/// samples for independent. But they are points of one low-discrepancy sequence, which avoid each other, so their parts
+/// differ by more than the mean errs. It was 0.31 / 0.72 = 0.43 in the crowd with 4 samples, and 0.55 / 0.67 = 0.82 in
+/// the sphere by `path` with 16 (docs/decisions.md, "Denoising").
 pub(super) const AVOIDANCE: f64 = 0.5;
 
 /// The state at the last decision on gather rays: the image then, and the estimate of their error.

@@ -26,7 +26,7 @@ pub(super) enum Quantity {
     Normal,
     /// Position; w is the depth.
     Position,
-    /// Squares of direct and of indirect light, for denoisers, as what follows.
+    /// Squares of direct and of indirect light. Only denoisers need these and those that follow.
     DirectSquares,
     IndirectSquares,
     GuideAlbedo,

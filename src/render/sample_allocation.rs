@@ -37,9 +37,9 @@ const MIN_VARIANCE: f64 = 1e-3;
 /// two of them, some pixels are rounded up and others down, so that any share of equal pixels can get more samples.
 const ROUNDING: f64 = 0.25;
 
-/// Binary digits after the point of the base-2 logarithms of shares, which are integers: a step is 0.07 % of a share,
-/// far finer than the estimates. The search for the numbers that use up the samples takes a fifth of the time that it
-/// takes with floats.
+/// Base-2 logarithms of shares are integers with this number of binary digits after the point: a step is 0.07 % of a
+/// share, far finer than the estimates. The search for the numbers that use up the samples takes a fifth of the time
+/// that it takes with floats.
 const OCTAVE_BITS: i32 = 10;
 
 /// The samples of each block so far, and which ones are next.
@@ -133,7 +133,7 @@ impl SampleAllocation {
     }
 
     /// Those of the decided samples that raise the mean of all pixels from `mean` by `layers`, in the order in which
-    /// they must be rendered. None extend beyond a power of two, so that blocks with few samples join those with more.
+    /// they must be rendered. Parts end at powers of two, so that blocks with few samples join those with more.
     pub fn to_raise_mean(&self, layers: u32, mean: u32) -> Vec<EqualBlocks> {
         // Decisions are made at powers of two from 2 on.
         let all = (mean + 1).next_power_of_two().max(2) - mean;

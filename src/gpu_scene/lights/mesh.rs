@@ -24,7 +24,8 @@ const VIEWED_TRIANGLES: RangeInclusive<usize> = layout::FEW_NEAR_EMITTERS as usi
 /// the distance of the receivers into account.
 const VIEW_SIDES: RangeInclusive<u32> = 16..=48;
 
-/// Bytes of the views of all lights, unless the fewest take more. 3 MB take some 15 ms while kernels compile.
+/// Maximum bytes of the views of all lights, unless even the smallest take more. 3 MB take some 15 ms while kernels
+/// compile.
 const VIEW_BYTES: usize = 8 << 20;
 
 /// Limit on the bytes of the smallest views of all lights. Beyond it no light gets views, and triangles are sampled by

@@ -25,7 +25,7 @@ pub struct Seen {
 /// The guides of pixel `i` without the differences from its neighbours that are due to chance; `seen` returns the
 /// samples of a pixel.
 ///
-/// Guides are fitted by `a + b chosen` over the pixels around the pixel. It gets the fit at their mean share, plus a
+/// The guides of the pixels around are fitted by `a + b chosen`. The pixel gets the fit at their mean share, plus a
 /// part of its own distance from the fit. If it shows a surface more often than they do, that part is their share of
 /// the surface over its own. So if one of four samples finds a lamp in glass, the guides of its pixel stay like those
 /// around it, and the light of the lamp stands out.

@@ -116,8 +116,8 @@ trait Filter {
     fn seconds_per_pixel(&self, gpu: &Gpu, runs: u32) -> f64;
 }
 
-/// Errors are estimated, and filters mixed, if denoising then takes at most this share of its time. It takes three
-/// times as long as a filter alone, and gains less: if time is short, more samples gain more.
+/// Errors are estimated, and filters mixed, if denoising then takes at most this share of the time left for it. It
+/// takes three times as long as a filter alone, and gains less: if time is short, more samples gain more.
 const MIXED_SHARE: f64 = 2.0 / 3.0;
 
 /// Seconds of one processor core, on all cores.
@@ -148,7 +148,7 @@ fn on_all_cores(seconds: f64) -> f64 {
 pub struct Denoiser {
     choice: Denoise,
     filters: Vec<Box<dyn Filter>>,
-    /// All samples are filtered at once, and errors are not estimated.
+    /// Only the image of all samples is filtered, not those of its halves, and errors are not estimated.
     pub(super) is_quick: bool,
 }
 
