@@ -146,7 +146,7 @@ impl Queue {
     /// How many lengths there are.
     pub const COUNT: usize = 5;
 
-    /// The queues of candidates, as they share a buffer.
+    /// The queues of candidates, in their order in the buffer that they share.
     pub const CANDIDATES: [Queue; 3] = [Queue::Query, Queue::Boundary, Queue::Audit];
 
     /// Words of a queue's indirect arguments: three and one unused.
@@ -280,7 +280,8 @@ pub const DENOISE_VECTORS: u32 = 7;
 /// Width of the border around the image in the tables of the statistical denoiser: no window reaches farther.
 pub const DENOISE_BORDER: u32 = 5;
 
-/// Width of the coarsest fine cells in pixels; up to twice that, as it is rounded up to a power of two.
+/// Minimum width of undivided fine cells in pixels. Widths are rounded up to powers of two, so cells are up to twice as
+/// wide.
 pub const FINE_CELL_PIXELS: u32 = 4;
 
 /// Sizes of fine cells: the width halves from each to the next, to a quarter of a pixel.

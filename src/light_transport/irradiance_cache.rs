@@ -252,8 +252,9 @@ impl Records {
         Ok(self.heads.len() > before)
     }
 
-    /// Places records at the `wanted` points of a tile, and gathers at each. `gather` is the pass as it was bound last,
-    /// if it was; it is bound again if buffers had to grow. Returns the pass, for the next points.
+    /// Places records at the `wanted` points of a tile, and gathers at each. `gather` is the pass that was bound for
+    /// earlier points, if there were any; it is bound again if buffers had to grow. Returns the pass for the next
+    /// points.
     fn place(
         &mut self,
         with: &Filling<'_>,
@@ -274,7 +275,7 @@ impl Records {
         Ok(bound)
     }
 
-    /// Adds a wave of gather rays to each record: as many as it has, or `limit`.
+    /// Adds a wave of gather rays to each record: as many as it has, but at most `limit`.
     fn add_wave(&mut self, with: &Filling<'_>, limit: u32, totals: &mut Totals) -> Result<()> {
         let Filling { gpu, tile, .. } = *with;
         let wave = Wave { earlier: self.rays, rays: limit.min(self.rays) };

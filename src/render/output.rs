@@ -53,7 +53,7 @@ impl Renderer<'_> {
     }
 }
 
-/// The image of the film, on the device or as it was kept.
+/// The image of the film on the device, or of the state that was `kept`.
 pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Result<Image> {
     let settings = &renderer.settings;
     let kept = kept.map(|kept| Kept::new(renderer, kept));

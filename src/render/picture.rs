@@ -82,7 +82,8 @@ pub(super) trait Sums {
     /// The number of samples of a pixel.
     fn samples_of(&self, pixel: usize) -> u32;
 
-    /// The relMSE of each pixel that all samples share, as far as it is estimated: that due to gather rays.
+    /// The relMSE of each pixel due to errors that all its samples share. Only that of gather rays is estimated; `None`
+    /// before it is.
     fn shared_errors(&self) -> Option<&[f32]>;
 
     /// Adds the channels of the AOV `shadow`.

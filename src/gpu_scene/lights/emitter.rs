@@ -89,7 +89,8 @@ impl ConvexLamp<'_> {
 
 impl Facet {
     /// The light that a triangle of unit area sends to the receiver of a view, over what it would send from the lamp's
-    /// centre if it faced the receiver. It is `least` if only positions farther away see the triangle.
+    /// centre if it faced the receiver. It is not below `least` if any position in the direction may see the triangle,
+    /// else 0.
     fn sends(&self, view: &View, least: f64) -> f64 {
         // A triangle that is visible from any position in a direction is visible from infinity in that direction.
         if self.normal.dot(view.direction) <= -least {

@@ -74,7 +74,7 @@ pub(super) struct Description {
     samples: [u32; 2],
     /// Column and row of its first pixel, width and height.
     crop: [u32; 4],
-    /// Samples that are left out, as they are not finite.
+    /// Number of samples that were left out because they are not finite.
     pub not_finite: u64,
     /// Hash of everything else, and of the sums.
     digest: String,
