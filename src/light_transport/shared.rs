@@ -18,7 +18,8 @@ use crate::statistics::{Counter, LightPhotons};
 pub(crate) const TILE_SAMPLES: u32 = 8;
 
 /// Maximum number of points of a tile: enough to keep a device busy, and few enough for its memory and for the time of
-/// a dispatch. With half or a quarter as many, renders of 64 samples took longer (docs/experiments.md, "Smaller tiles").
+/// a dispatch. With half or a quarter as many, renders of 64 samples took longer (docs/experiments.md, "Smaller
+/// tiles").
 pub(crate) const TILE_POINTS: u32 = 1 << 19;
 
 /// The device, the scene on both sides, and the buffers of a tile.

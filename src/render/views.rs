@@ -22,8 +22,8 @@ impl Renderer<'_> {
     ///
     /// # Errors
     /// [`Error::Setting`] for a size out of range and for a piece, [`Error::Usage`] for a lens where the first camera
-    /// had none or the reverse, since kernels depend on it, and those of [`Renderer::new`]. After an error of the
-    /// device the renderer cannot be used.
+    /// had none or the reverse, since kernels depend on it, and those of [`Renderer::new`]. The first two leave the
+    /// renderer as it was. After any other error it cannot be used.
     pub fn set_view(&mut self, camera: &Camera, size: [u32; 2]) -> Result<()> {
         self.begin_view(camera, size, false)
     }
