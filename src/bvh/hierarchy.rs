@@ -145,7 +145,7 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    /// The tree over a range of triangles, of at most `max_depth` levels, which a balanced tree must not exceed. Its
+    /// The tree over a range of triangles, of at most `max_depth` levels; a balanced tree must not have more. Its
     /// indices count from the first triangle of the range.
     pub fn of_triangles(
         triangles: Range<usize>,

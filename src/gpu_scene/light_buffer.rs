@@ -6,8 +6,8 @@
 //! along the direction of the light.
 //!
 //! A light with a surface lies in a sphere. What stops a ray from a position to a point of the light is no farther from
-//! the line between the position and the centre than the radius of that sphere. So a surface is listed in each cell to
-//! which it comes as near as that, at a depth that is smaller by as much.
+//! the line between the position and the centre than the radius of that sphere. So a surface is listed in each cell
+//! that it comes within this radius of, at a depth that is smaller by the radius.
 
 use std::ops::Range;
 
@@ -26,7 +26,7 @@ const MAX_LISTED: usize = 31;
 /// Maximum number of cells of all lights together: 128 MiB of lists if all of them are full.
 const MAX_CELLS: usize = 1 << 19;
 
-/// Margin of the bounds of lights, and more of it as a share of their distance: rays start and end up to 256
+/// Margin of the bounds of lights, and a further margin as a share of their distance: rays start and end up to 256
 /// representable steps per coordinate off their surfaces, 2.6e-5 where coordinates are below 1, and kernels round.
 const SPARE: f64 = 4e-5;
 const SPARE_OF_DISTANCE: f64 = 4e-7;

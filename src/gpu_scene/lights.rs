@@ -162,7 +162,7 @@ fn add_sampling(texels: &mut [LightTexels], lights: &[LightInfo]) {
     let mut cumulative = 0.0;
     let mut below = 0f32;
     // In units of the strongest light, so that potentials do not depend on the scene's units. Kernels multiply the
-    // strength of a punctual light by the irradiance from it, so that is 1 in these units.
+    // strength of a punctual light by the irradiance that it sends, so its own strength counts as 1.
     let unit = lights.iter().map(|light| light.emission.strength).fold(f64::MIN_POSITIVE, f64::max);
     for (i, light) in lights.iter().enumerate() {
         cumulative += if total > 0.0 { 0.5 * light.power / total + 0.5 / count } else { 1.0 / count };

@@ -50,8 +50,8 @@ impl GridShape {
 
     /// As [`GridShape::with_photons_per_cell`], with at most `max_cells` cells.
     pub fn with_max_cells(per_cell: f32, bounds: (Vec3, Vec3), area: f32, photons: u32, max_cells: f64) -> GridShape {
-        // A border keeps photons on the scene's hull off the grid's. Around a single point it is wider than rounding of
-        // positions, which are up to 1.
+        // A border keeps photons on the scene's hull away from the grid's faces. Around a single point it is wider than
+        // rounding of positions, which are up to 1.
         let border = 1e-6f32.max((bounds.1 - bounds.0).max_element() * 1e-3);
         let (low, high) = (bounds.0 - border, bounds.1 + border);
         let extent = (high - low).as_dvec3();

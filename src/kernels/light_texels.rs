@@ -45,11 +45,11 @@ pub(crate) const SAMPLING_TEXEL: u32 = 5;
 /// of its triangles depends on the position, and not on the direction alone.
 pub(crate) const NEAR_LIGHT: f64 = 2.0;
 
-/// Maximum number of triangles of a light for which every position samples all of them, by the light that each sends. A
-/// square has two.
+/// Maximum number of triangles of a light for which every position evaluates all of them, and samples one by the light
+/// that each sends. A square has two.
 pub(crate) const FEW_EMITTERS: u32 = 4;
 
-/// Maximum number of triangles of a light for which near positions sample all of them. Each triangle costs about a
+/// Maximum number of triangles of a light for which near positions evaluate all of them. Each triangle costs about a
 /// tenth of a shadow ray.
 pub(crate) const FEW_NEAR_EMITTERS: u32 = 15;
 

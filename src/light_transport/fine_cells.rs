@@ -87,8 +87,8 @@ impl FineCellMap {
         self.table.bindings()
     }
 
-    /// The cells that samples left so far: whether the table is closed, the samples at the last classification, and
-    /// entry and words of each cell.
+    /// The state that samples left: whether the table is closed, the number of samples at the last classification, and
+    /// for each cell its entry, its tag and the cell.
     pub fn state(&self, gpu: &Gpu) -> Result<Vec<u32>> {
         let entries = self.view.mask as usize + 1;
         let cells: Vec<FineCell> = gpu.read(&self.table.cells, entries)?;

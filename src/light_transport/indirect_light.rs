@@ -82,8 +82,7 @@ pub(crate) struct IndirectLight {
 }
 
 impl IndirectLight {
-    /// Traces the flux photons, sorts them into the global map unless there is one, and fills the irradiance cache. A
-    /// part without kernels is left out.
+    /// Makes the global map, unless `made` has one, and fills the irradiance cache. A part without kernels is left out.
     pub fn new(setup: &IndirectSetup<'_>, made: MadeIndirect, totals: &mut Totals) -> Result<IndirectLight> {
         let MadeIndirect { map, records } = made;
         let cost = IndirectCost::default();

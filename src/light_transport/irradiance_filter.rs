@@ -121,7 +121,7 @@ fn resembling(members: &[Member], guides: &[Known], i: usize, explained: impl Fn
     members.iter().map(weighed).collect()
 }
 
-/// The variance that explains a difference of two records; the other record's counts at most as much as the own
+/// The variance that explains a difference of two records; the other record's counts at most as much as this one's own
 /// (Rousselle, Knaus and Zwicker 2012).
 fn own_or_less(own: f64, other: f64) -> f64 {
     own + own.min(other)

@@ -77,8 +77,8 @@ impl DirectKernels {
     }
 }
 
-/// The kernels of indirect light, or, in techniques in which paths or the shown map carry all light, the kernels of
-/// that. The render uses them again when it makes new photons and records.
+/// The kernels of indirect light, or of all light in techniques in which paths or the shown map carry it. The render
+/// uses them again when it makes new photons and records.
 pub(crate) struct IndirectKernels {
     pub global_map: Option<GlobalMapKernels>,
     pub cache: Option<CacheKernels>,

@@ -24,8 +24,8 @@ impl RecordGrid {
         RecordGrid::of_some(heads, 1, reach)
     }
 
-    /// A grid of every `step`-th record. Its cells are twice as wide as the mean distance that records `reach`, so that
-    /// most reach into few cells.
+    /// A grid of every `step`-th record. Its cells are twice as wide as the mean `reach` of the records, so that most
+    /// records reach into few cells.
     pub fn of_some(heads: &[RecordHead], step: usize, reach: impl Fn(usize) -> f32) -> RecordGrid {
         let sum: f64 = (0..heads.len()).map(|i| f64::from(reach(i))).sum();
         let side = ((2.0 * sum / heads.len().max(1) as f64) as f32).max(f32::MIN_POSITIVE);

@@ -22,8 +22,9 @@ shared_struct! {
 /// Vectors of a pixel of the input.
 pub const PIXEL_VECTORS: usize = DENOISE_VECTORS as usize;
 
-/// Rows above or below from which a pixel's result comes: by the radii of the windows in `shaders/denoise.wgsl`, 1
-/// (spacing), 2 (`restrain`), 2 (`pool`), 1 (`smooth_light`), 3 (`average`), 5 (`regress`) and 2 (`combine`).
+/// Rows above or below on which a pixel's result depends: the sum of the radii of the windows in
+/// `shaders/denoise.wgsl`, 1 (spacing), 2 (`restrain`), 2 (`pool`), 1 (`smooth_light`), 3 (`average`), 5 (`regress`)
+/// and 2 (`combine`).
 pub const REACH: u32 = 16;
 
 bindings! {

@@ -141,8 +141,8 @@ impl Film {
         self.run_correction(gpu, frame, plane, "correct", (change.change, change.earlier_samples), change)
     }
 
-    /// Changes samples whose squares a plane has summed. `components` are the planes whose samples make up those that
-    /// were squared; they must not have changed yet.
+    /// Changes samples whose squares a plane has summed. Those samples are sums of components, whose own planes are
+    /// `components`; these must not be corrected yet.
     ///
     /// # Errors
     /// As [`Kernel::bind`].

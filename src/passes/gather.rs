@@ -179,7 +179,7 @@ impl Wave {
         [1 << rings, 1 << (levels - rings)]
     }
 
-    /// The points of the unit square of its rays, by stratum, as fractions of 2^32: numbers `earlier` to `earlier +
+    /// The points of its rays in the unit square, by stratum, as fractions of 2^32: points `earlier` to `earlier +
     /// rays` of the first two dimensions of the Sobol sequence. That is a (0, 2)-sequence (Niederreiter 1987): each
     /// stratum has one point, and together with the points of earlier waves so has each stratum of finer divisions.
     pub fn points(self) -> Vec<[u32; 2]> {

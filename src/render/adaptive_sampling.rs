@@ -62,10 +62,10 @@ impl Renderer<'_> {
         (above > 0).then(|| format!("a noise of {noise:e} was not reached everywhere: {above} of {all} blocks {rest}"))
     }
 
-    /// The expected relMSE of the raw image: half the squared difference of two halves of its samples, and an upper
-    /// bound on the error of wrong classes that the audits have not met yet. It does not include the error of photon
-    /// maps of indirect light, which all samples share. `None` after a single sample, and for equal numbers of samples
-    /// without [`ImageSettings::noise`] or a denoiser.
+    /// The expected relMSE of the raw image: by the squared difference of two halves of its samples (a quarter of it
+    /// for equal halves), plus an upper bound on the error of wrong classes that the audits have not met yet. It does
+    /// not include the error of photon maps of indirect light, which all samples share. `None` after a single sample,
+    /// and for equal numbers of samples without [`ImageSettings::noise`] or a denoiser.
     ///
     /// # Errors
     /// As [`Renderer::image`].

@@ -44,9 +44,9 @@ struct NextSamples {
 }
 
 impl Renderer<'_> {
-    /// Renders one or more samples of every pixel, and no more than the settings request until these are complete. With
-    /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) only pixels that need more samples get any,
-    /// possibly none.
+    /// Renders one or more samples of every pixel. The batch ends at the number of samples that the settings request,
+    /// unless that is already reached. With [`ImageSettings::noise`](crate::settings::ImageSettings::noise) only pixels
+    /// that need more samples get any, possibly none.
     ///
     /// # Errors
     /// [`crate::Error::Computation`] if more than a thousandth of the rays exceeded the loop budget, and those of

@@ -168,8 +168,8 @@ impl<'a> Film<'a> {
         Film { renderer, kept: None, tiles: 0..renderer.view.tiles.len() }
     }
 
-    /// The tiles whose channels are made at once: single ones, because sums take more memory than channels. Those of a
-    /// piece are in memory, and whole.
+    /// The tiles whose channels are made at once: single ones, because sums take more memory than channels. The sums of
+    /// a piece are in memory for the whole image.
     fn tiles_at_once(&self) -> Vec<Range<usize>> {
         match self.piece_sums() {
             Some(_) => vec![self.tiles.clone()],

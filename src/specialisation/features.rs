@@ -139,8 +139,8 @@ kernel_kit::features! {
         IrradianceCache,
         /// Method: paths carry indirect light, and another pass carries direct light.
         Indirect,
-        /// Scene: some light is not small compared with the lobes of all glossy surfaces, so that rays sampled from the
-        /// BSDF complement light points.
+        /// Scene: some light is wider than a narrow lobe of some glossy surface, so that rays sampled from the BSDF
+        /// complement light points.
         BsdfRays,
         /// Method: paths are single rays from the points where they may hit a light.
         Highlights,

@@ -14,7 +14,7 @@ use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, Scene
 use crate::specialisation::lights::{has_many_emitters, is_closed_mesh};
 
 /// Numbers of triangles for which a light gets views. With fewer, it is enough to exclude triangles that face away;
-/// with more, the fewest views would take more than 4 MB.
+/// with more, the smallest views would take more than 4 MB.
 const VIEWED_TRIANGLES: RangeInclusive<usize> = layout::FEW_NEAR_EMITTERS as usize + 1..=1 << 12;
 
 /// Cells along a side of the octahedral map of directions from which a convex light is seen; each is 7 to 2.4 degrees

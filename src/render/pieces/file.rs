@@ -1,7 +1,8 @@
 //! The files of pieces: EXR images with the sums in further channels, and a description as an attribute.
 //!
 //! The channel `piece.8-16.direct.R` has the sum of red over the samples 8 to 15 of direct light, `A` that of the
-//! coverage; `piece.8-16.direct.rest.R` is what this number lacks, and `rest.A` the number of samples left out.
+//! coverage; `piece.8-16.direct.rest.R` has what rounding has cut off that sum, and `rest.A` the number of samples left
+//! out.
 
 use std::path::Path;
 
