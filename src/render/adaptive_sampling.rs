@@ -19,7 +19,7 @@ use super::tiles::first_half;
 use crate::Result;
 use crate::passes::film::{Plane, Sum};
 use crate::settings::{Denoise, ImageSettings};
-use crate::statistics::totals::Totals;
+use crate::specialisation::features::Feature;
 
 /// Minimum share of the blocks with too large an error that get samples together. Estimates and dispatches take the
 /// same time for a few blocks as for many.
@@ -43,7 +43,7 @@ impl Renderer<'_> {
             let errors = self.squared_errors(denoiser)?;
             self.totals.time_render += start.elapsed().as_secs_f64();
             let share = if denoiser.choice() == Denoise::None { ROUND_SHARE } else { DENOISED_SHARE };
-            let unaudited = unaudited(&self.totals, self.settings.visibility_map.audit, self.mean_samples());
+            let unaudited = self.unaudited();
             let ImageSettings { spp, .. } = self.settings.image;
             let width = self.settings.image.crop_window().width;
             if let Some(allocation) = &mut self.sampling.allocation {
@@ -75,7 +75,19 @@ impl Renderer<'_> {
         }
         let errors = self.squared_errors(&Denoiser::default())?;
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-        Ok(Some(mean + unaudited(&self.totals, self.settings.visibility_map.audit, self.mean_samples())))
+        Ok(Some(mean + self.unaudited()))
+    }
+
+    /// Wrong classes that no audit has met yet do not show in the samples. A point's estimate is c + (V - c) / p with
+    /// probability p, so the mean of n samples has a variance of at most |V - c| / (p n), and the audits bound the mean
+    /// of |V - c|. Without audits there is no such bound, and the result is 0.
+    fn unaudited(&self) -> f64 {
+        let (points, audits) = (self.totals.points(), self.totals.audits());
+        let are_audited = audits.audited > 0 || self.specialisation.features.has(Feature::Audit);
+        if points.lit + points.shadowed == 0 || !are_audited {
+            return 0.0;
+        }
+        audits.miss_bias_interval[1] / (f64::from(self.settings.visibility_map.audit) * self.mean_samples())
     }
 
     /// The estimated relative squared error of each pixel of what `denoiser` makes of the image.
@@ -257,15 +269,6 @@ fn median_of_nine(mut values: [Colour; 9]) -> Colour {
         values[upper] = [0, 1, 2].map(|c| a[c].max(b[c]));
     }
     values[4]
-}
-
-/// Wrong classes that no audit has met yet do not show in the samples. A point's estimate is c + (V - c) / p with
-/// probability p, so the mean of n samples has a variance of at most |V - c| / (p n), and the audits bound the mean of
-/// |V - c|.
-fn unaudited(totals: &Totals, audit: f32, samples: f64) -> f64 {
-    let points = totals.points();
-    let decided = points.lit + points.shadowed;
-    if decided == 0 { 0.0 } else { totals.audits().miss_bias_interval[1] / (f64::from(audit) * samples) }
 }
 
 #[cfg(test)]

@@ -37,6 +37,36 @@ fn complete(scene: &str, settings: &Settings, denoiser: &Denoiser) -> Image {
     renderer.denoised_image(denoiser).unwrap()
 }
 
+/// Techniques that decide points and never audit them state the error of their samples, which is that of `two-pass` or
+/// less: no audit bounds the errors of their classes. A missing bound counted as the largest, 64 over the samples.
+#[test]
+fn techniques_without_audits_state_the_error_of_their_samples() {
+    let estimate = |settings: &Settings| {
+        let settings = settings.clone().with(|s| (s.image.spp, s.image.noise) = (16, Some(1e-9)));
+        let scene = Scene::load(scene_file("box.glb"), &ImportOptions::default()).unwrap();
+        let camera = scene.cameras[0].clone();
+        let mut renderer = Renderer::new(gpu(), scene, &camera, &settings).unwrap();
+        while renderer.wants_samples(&Denoiser::default()).unwrap() {
+            renderer.render_batch().unwrap();
+        }
+        let points = renderer.statistics().unwrap().points;
+        (renderer.estimated_relmse().unwrap().unwrap(), points.lit + points.shadowed)
+    };
+    let (of_all, _) = estimate(&settings(Technique::TWO_PASS, [24, 24], 0));
+    let unaudited = settings(Technique::SHADOW_PHOTONS, [24, 24], 0).with(|s| {
+        s.visibility_map.audit = 0.0;
+        s.visibility_map.photons_per_light = Some(1 << 14);
+    });
+    let of = |technique| settings(technique, [24, 24], 0);
+    for settings in [of(Technique::LIGHT_BUFFER), of(Technique::VOXEL_TAGS), unaudited] {
+        let (estimate, decided) = estimate(&settings);
+        println!("{}: {estimate}, two-pass {of_all}", settings.technique);
+        assert!(decided > 1000, "{}: {decided} decided points", settings.technique);
+        // Two estimates of one error by one difference of halves each.
+        assert!(estimate > 0.5 * of_all && estimate < 2.0 * of_all, "{}: {estimate}, {of_all}", settings.technique);
+    }
+}
+
 /// The samples of a pixel are the same whatever the others get: pixels of n samples have the bits of a render of n.
 #[test]
 fn pixels_have_the_bits_of_uniform_renders() {
