@@ -38,6 +38,7 @@ pub(super) struct Header {
     pub shade_at_once: bool,
     /// Whether there is a visibility map: not before the trial of its photons, nor after it if they did not pay off.
     pub has_visibility_map: bool,
+    pub samples_without_photons: u32,
     pub totals: Totals,
     /// Number of photons that audits added to the map.
     pub added: usize,

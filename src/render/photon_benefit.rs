@@ -15,8 +15,8 @@ use crate::statistics::{Counter, Points};
 /// measured (docs/decisions.md, "The first sample shows whether photons pay off").
 const MAX_PENUMBRAE: f64 = 0.11;
 
-/// Samples per pixel after which photons must be expected to decide [`MIN_DECIDED`] of the points. The shadow rays of
-/// three samples have classified the fine cells by then.
+/// Samples per pixel after which photons must be expected to decide [`MIN_DECIDED`] of the points, if they are emitted
+/// after the first sample. The shadow rays of three samples have classified the fine cells by then.
 pub(super) const TRIAL_SAMPLES: u32 = 8;
 
 /// Share of points that photons must be expected to decide; below it, all shadow rays are traced from then on. Scenes
@@ -50,11 +50,16 @@ pub(super) fn problem_of_photons(totals: &Totals, samples: u32, spp: u32) -> Opt
 }
 
 /// Whether photons will decide enough points. `counted` has the points of the first `samples` samples, of which the
-/// first had no photons; `points` has those of all samples so far. `is_allocated`: adaptive sampling with a fixed
-/// budget.
-pub(super) fn decide_enough(counted: &Points, samples: u32, points: &Points, is_allocated: bool) -> bool {
+/// first `without` had no photons; `points` has those of all samples so far. `is_allocated`: adaptive sampling with a
+/// fixed budget.
+pub(super) fn decide_enough(
+    counted: &Points,
+    [without, samples]: [u32; 2],
+    points: &Points,
+    is_allocated: bool,
+) -> bool {
     let share = |decided: u64, total: f64| decided as f64 / total.max(1.0);
-    let tried = f64::from(samples - 1) / f64::from(samples);
+    let tried = f64::from(samples - without) / f64::from(samples);
     let first = share(counted.lit + counted.shadowed, counted.total as f64 * tried);
     let decided = points.lit + points.shadowed - counted.lit - counted.shadowed;
     let last = share(decided, (points.total - counted.total) as f64);
@@ -95,4 +100,25 @@ pub(super) fn without_photons(
     let mut without = Specialisation::new(scene, Some(camera), &settings).with_deferred_of(specialisation);
     without.explain(Feature::VisibilityMap, reason);
     without
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The growth of the share of decided points is that of the samples with photons, however many came before: a
+    /// share of 0.55 that has grown by 0.11 is enough, and one that has not grown is not.
+    #[test]
+    fn samples_without_photons_show_no_growth() {
+        let points = |total: u64, lit: u64| Points { total, lit, ..Points::default() };
+        for without in [1, 12] {
+            let samples = without + 3;
+            let before = u64::from(without) * 100;
+            let enough = |first: u64, last: u64| {
+                let (counted, all) = (points(before + 300, 3 * first), points(before + 700, 3 * first + 4 * last));
+                decide_enough(&counted, [without, samples], &all, false)
+            };
+            assert!(enough(44, 55) && !enough(55, 55), "after {without} samples without photons");
+        }
+    }
 }

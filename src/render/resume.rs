@@ -59,6 +59,7 @@ impl Renderer<'_> {
             batches: self.sampling.batches,
             shade_at_once: self.sampling.shade_at_once,
             has_visibility_map: self.view.lighting.visibility_map.is_some(),
+            samples_without_photons: self.sampling.samples_without_photons,
             totals: self.totals.clone(),
             added: map.added.len(),
             left: map.left,
@@ -115,6 +116,7 @@ impl Renderer<'_> {
         }
         self.restore_stage(header.stage)?;
         self.sampling.samples = header.samples;
+        self.sampling.samples_without_photons = header.samples_without_photons;
         self.sampling.growth = growth;
         self.sampling.allocation.clone_from(&header.blocks);
         self.sampling.batches = header.batches;

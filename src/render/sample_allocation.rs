@@ -273,7 +273,7 @@ impl SampleAllocation {
         let mut sums = vec![[0.0; 2]; self.samples.len()];
         let rows = sums.len() / columns;
         for (pixel, error) in pixels.iter().enumerate() {
-            let [x, y] = [pixel % width as usize, pixel / width as usize].map(|i| i / SIDE as usize);
+            let [x, y] = [pixel % width as usize, pixel / width as usize].map(|i| i / self.side as usize);
             let [sum, count] = &mut sums[y * columns + x];
             (*sum, *count) = (*sum + error, *count + 1.0);
         }

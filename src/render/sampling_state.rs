@@ -18,6 +18,8 @@ pub(super) struct SamplingState {
     pub growth: Option<Growth>,
     /// See [`crate::passes::shade::ShadeParameters::at_once`].
     pub shade_at_once: bool,
+    /// Samples per pixel before the visibility photons that are on trial were emitted.
+    pub samples_without_photons: u32,
     /// Seconds of one sample of every pixel, by the last batch; `None` before the first batch.
     pub seconds_per_sample: Option<f64>,
     /// Seconds of the last decision on which pixels get more samples, in adaptive sampling with a fixed budget.
@@ -34,6 +36,7 @@ impl SamplingState {
             errors: None,
             growth: None,
             shade_at_once,
+            samples_without_photons: 0,
             seconds_per_sample: None,
             seconds_to_allocate: None,
         }

@@ -82,6 +82,7 @@ impl Renderer<'_> {
         self.totals.frame_bytes += self.view.lighting.frame_bytes().saturating_sub(bytes);
         self.totals.time_render += start.elapsed().as_secs_f64();
         (self.specialisation, self.with_photons) = (specialisation, None);
+        self.sampling.samples_without_photons = self.sampling.samples;
         // It is not known yet how many points photons leave to shadow rays.
         self.sampling.shade_at_once = false;
         Ok(())
@@ -101,12 +102,15 @@ impl Renderer<'_> {
     /// Ends the trial after its last batch. Before that batch pixels had `samples` samples, and `counted` points were
     /// classified.
     pub(super) fn end_trial(&mut self, samples: u32, counted: &Points) -> Result<()> {
-        let ends = samples < TRIAL_SAMPLES && self.sampling.samples >= TRIAL_SAMPLES;
+        // Where time was lacking after the first sample, photons came later. Their trial is as long.
+        let without = self.sampling.samples_without_photons;
+        let last = TRIAL_SAMPLES - 1 + without;
+        let ends = samples < last && self.sampling.samples >= last;
         if !ends || !is_on_trial(&self.specialisation, &self.settings) {
             return Ok(());
         }
         let is_allocated = self.settings.image.allocates_samples();
-        if decide_enough(counted, samples, &self.totals.points(), is_allocated) {
+        if decide_enough(counted, [without, samples], &self.totals.points(), is_allocated) {
             Ok(())
         } else {
             self.leave_out_photons()
