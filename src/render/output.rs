@@ -219,20 +219,16 @@ impl<'a> Film<'a> {
         Ok(Some(all))
     }
 
-    /// The means of a plane over all pixels; `None` if the tiles have no such plane.
-    pub fn means(&self, pick: &dyn Fn(&TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
-        let sums = self.plane_sums(pick, &|pixel| self.samples_of(pixel))?;
-        Ok(sums.map(|sums| sums.iter().map(Sum::mean).collect()))
-    }
-
     /// Class, visibility, n_i and n_s of each light.
     fn push_classes(&self, channels: &mut Vec<Channel>) -> Result<()> {
         let renderer = self.renderer;
         let mut used = std::collections::HashSet::new();
         for (index, light) in renderer.scene.lights.iter().enumerate() {
-            let Some(mut all) = self.means(&|f| f.classes.get(index))? else { return Ok(()) };
+            let sums = self.plane_sums(&|f| f.classes.get(index), &|pixel| self.samples_of(pixel))?;
+            let Some(sums) = sums else { return Ok(()) };
             // Only the first sample wrote its class into the sum.
-            all.iter_mut().enumerate().for_each(|(pixel, v)| v.x *= f64::from(self.samples_of(pixel)));
+            let mean = |sum: &Sum| DVec4 { x: sum.total.x, ..sum.mean() };
+            let all: Vec<DVec4> = sums.iter().map(mean).collect();
             // A dot ends a layer's name, and two lights may share theirs.
             let mut name = light.name.replace('.', "_");
             if !used.insert(name.clone()) {

@@ -194,13 +194,13 @@ pub(super) fn behind(colour: DVec3, v: &DVec4) -> DVec3 {
 
 /// See [`variance_of_mean`]. A ray that meets nothing brings the background's colour and no light.
 fn variances(sums: &dyn Sums, total: &[DVec4], background: Option<DVec3>) -> Result<Vec<DVec4>> {
-    let squares = means(sums, Quantity::Squares)?.unwrap_or_default();
+    let squares = sums.sums(Quantity::Squares)?.unwrap_or_default();
     let colour = background.unwrap_or_default();
-    let variance = |(pixel, (square, mean)): (usize, (&DVec4, &DVec4))| {
+    let variance = |(square, mean): (&Sum, &DVec4)| {
         let [more, more_squared] = [colour, colour * colour].map(|colour| behind(colour, mean).extend(0.0));
-        variance_of_mean(*mean + more, *square + more_squared, f64::from(sums.samples_of(pixel)))
+        variance_of_mean(*mean + more, square.mean() + more_squared, square.kept)
     };
-    Ok(squares.iter().zip(total).enumerate().map(variance).collect())
+    Ok(squares.iter().zip(total).map(variance).collect())
 }
 
 fn push(channels: &mut Vec<Channel>, names: [&str; 3], values: &[DVec4]) {
