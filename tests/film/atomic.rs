@@ -81,6 +81,16 @@ fn a_link_stays_and_its_target_is_replaced() {
     write_atomically(&link, |file| Ok(file.write_all(b"new")?)).unwrap();
     assert_eq!(fs::read_to_string(&target).unwrap(), "new");
     assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+    // The target need not exist.
+    fs::remove_file(&target).unwrap();
+    for to in [target.as_path(), Path::new("target.exr")] {
+        fs::remove_file(&link).unwrap();
+        std::os::unix::fs::symlink(to, &link).unwrap();
+        write_atomically(&link, |file| Ok(file.write_all(b"made")?)).unwrap();
+        assert_eq!(fs::read_to_string(&target).unwrap(), "made");
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        fs::remove_file(&target).unwrap();
+    }
 }
 
 /// A file that another program keeps to itself is replaced as soon as it lets go; until then there is an error, and the

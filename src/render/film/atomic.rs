@@ -50,7 +50,7 @@ pub fn check_target(path: impl AsRef<Path>) -> Result<()> {
 
 /// The file to replace, with symbolic links resolved, and its folder.
 fn locate(path: &Path) -> io::Result<(PathBuf, PathBuf)> {
-    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let target = followed(path);
     match fs::metadata(&target) {
         Ok(kind) if kind.is_dir() => return Err(io::Error::other("it is a folder")),
         Ok(kind) if !kind.is_file() => return Err(io::Error::other("it is not a regular file")),
@@ -65,6 +65,14 @@ fn locate(path: &Path) -> io::Result<(PathBuf, PathBuf)> {
         return Err(io::Error::other(format!("there is no folder {}", folder.display())));
     }
     Ok((target, folder))
+}
+
+/// The path with symbolic links resolved, also where the last of them leads to a file that does not exist yet.
+fn followed(path: &Path) -> PathBuf {
+    fs::canonicalize(path).unwrap_or_else(|_| match fs::read_link(path) {
+        Ok(next) => path.parent().unwrap_or(Path::new("")).join(next),
+        Err(_) => path.to_owned(),
+    })
 }
 
 /// Removes all temporary files and blocks all further writes. Call it when the process is about to exit: every target
