@@ -104,9 +104,9 @@ fn word_of_cell(index: u32) -> u32 {
     let n_s = min(traced - visible, CLASS_COUNT_MAX);
     @if(voxel_tags) {
         // The rays of a voxel may miss a shadow boundary that crosses it; those of its neighbours then hit it.
-        let range = shares_around(index);
-        if range.x == 1.0 { return class_word(CLASS_LIT, n_i, 0u, 1.0); }
-        if range.y == 0.0 { return class_word(CLASS_SHADOWED, 0u, n_s, 0.0); }
+        let around = kinds_around(index);
+        if !around.blocked { return class_word(CLASS_LIT, n_i, 0u, 1.0); }
+        if !around.visible { return class_word(CLASS_SHADOWED, 0u, n_s, 0.0); }
     }
     @if(!voxel_tags) {
         if visible == 0u { return class_word(CLASS_SHADOWED, 0u, n_s, 0.0); }
@@ -114,26 +114,31 @@ fn word_of_cell(index: u32) -> u32 {
     return class_word(CLASS_BOUNDARY, n_i, n_s, f32(visible) / f32(traced));
 }
 
-// The smallest and the largest share of rays that reached the light, of the cell and the 26 around it.
+// Whether rays of a cell or of the 26 around it reached the light, and whether some did not.
 @if(voxel_tags)
-fn shares_around(index: u32) -> vec2f {
+struct KindsOfRays {
+    visible: bool,
+    blocked: bool,
+}
+
+@if(voxel_tags)
+fn kinds_around(index: u32) -> KindsOfRays {
     let size = cells_pass.grid.size;
     let light = index / cells_of_a_light(cells_pass.grid);
     let cell = cell_in_grid(cells_pass.grid, index % cells_of_a_light(cells_pass.grid));
     let low = max(cell, vec3u(1u)) - 1u;
     let high = min(cell + 1u, size - 1u);
-    var range = vec2f(1.0, 0.0);
+    var kinds = KindsOfRays(false, false);
     for (var z = low.z; z <= high.z; z++) {
         for (var y = low.y; y <= high.y; y++) {
             for (var x = low.x; x <= high.x; x++) {
                 let count = atomicLoad(&cell_counts[index_of(light, vec3u(x, y, z))]);
-                if (count & 0xffffu) == 0u { continue; }
-                let share = f32(count >> 16u) / f32(count & 0xffffu);
-                range = vec2f(min(range.x, share), max(range.y, share));
+                kinds.visible |= count >> 16u > 0u;
+                kinds.blocked |= count >> 16u < (count & 0xffffu);
             }
         }
     }
-    return range;
+    return kinds;
 }
 
 // The class word of each candidate, by its cell.

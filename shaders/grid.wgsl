@@ -175,7 +175,9 @@ fn classify_cells(
     let surfaces = select(2u, 1u, codes.y == NO_CODE);
     for (var i = 0u; i < surfaces; i++) {
         let cluster = cluster_of_photons(cell, begin, end, select(codes.y, codes.x, i == 0u));
-        let class_words = classify_cluster(grid_pass.grid, cluster, min(VISITS_PER_NEAREST * nearest, MAX_VISITS));
+        // Two surfaces share the iterations that lavapipe grants.
+        let visits = min(VISITS_PER_NEAREST * nearest, MAX_VISITS / surfaces);
+        let class_words = classify_cluster(grid_pass.grid, cluster, visits);
         words = select(vec4u(words.xy, class_words), vec4u(class_words, 0u, 0u), i == 0u);
     }
     cell_class_words[cell] = words;

@@ -13,7 +13,7 @@ import package::kit::group_index;
 import package::lib::irradiance::{IRRADIANCE_TEXELS, NO_ESTIMATE, encode_disc};
 import package::lib::grid::{
     COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, expected_reach, load_photon,
-    nearest, point_ball, row_photons, rows_about
+    point_ball, row_photons, rows_about
 };
 @if(!(photon_map || caustics)) import package::lib::math::{PI, basis, circle_point, is_finite3};
 @if(photon_map || caustics) import package::lib::math::{
@@ -211,10 +211,10 @@ fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32, is_active: bool
     let share = covered(position, normal, select(0.0, reach * irradiance_pass.grid.cell, is_active), lane);
     var disc: Disc;
     if is_active { disc = flux_about(position, normal, reach, share.walls); }
-    // In a gap too narrow for every probe, the area is unknown.
+    // In a gap too narrow for every probe, the area is unknown, and so it is where the probes met the loop budget.
     var found: Estimate;
     found.disc = NO_ESTIMATE;
-    if disc.radius <= 0.0 || share.area == 0.0 { return found; }
+    if disc.radius <= 0.0 || share.area == 0.0 || traversal_overrun { return found; }
     let area = PI * disc.radius * disc.radius * share.area;
     var light = disc.flux / area;
     @if(negative_photons) {

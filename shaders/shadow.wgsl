@@ -135,9 +135,9 @@ fn own_bits(bit: bool, step: u32, rays: u32, lane: u32) -> u32 {
     @if(packets) {
         let own = lane % PACKET_LANES;
         var bits = u32(bit) << own;
-        bits |= subgroupShuffle(bits, lane ^ 4u);
-        bits |= subgroupShuffle(bits, lane ^ 2u);
-        bits |= subgroupShuffle(bits, lane ^ 1u);
+        bits |= subgroupShuffle(bits, own ^ 4u);
+        bits |= subgroupShuffle(bits, own ^ 2u);
+        bits |= subgroupShuffle(bits, own ^ 1u);
         // The step's first ray, counted from the candidate's own first one.
         let first = i32(PACKET_LANES * step) - i32(own * rays);
         if first <= -i32(PACKET_LANES) || first >= i32(rays) { return 0u; }

@@ -17,7 +17,8 @@ fn class_word(class_: u32, illumination: u32, shadow: u32, visibility: f32) -> u
 
 // The word of a boundary with the given visibility; its counts, of `nearest` photons, are derived from this.
 fn boundary_word(visibility: f32, nearest: u32) -> u32 {
-    let lit = clamp(u32(round(visibility * f32(nearest))), 1u, nearest - 1u);
+    // A boundary has photons of both kinds, if k is more than 1.
+    let lit = max(min(u32(round(visibility * f32(nearest))), nearest - 1u), min(nearest - 1u, 1u));
     return class_word(CLASS_BOUNDARY, lit, nearest - lit, visibility);
 }
 

@@ -68,10 +68,11 @@ fn trace_occluded_together(ray: Ray, sample: RaySample, lane: u32) -> bool {
 fn in_any_lane(condition: bool, lane: u32) -> bool {
     @if(!packets) { return condition; }
     @if(packets) {
+        let own = lane % PACKET_LANES;
         var any_lane = select(0u, 1u, condition);
-        any_lane |= subgroupShuffle(any_lane, lane ^ 4u);
-        any_lane |= subgroupShuffle(any_lane, lane ^ 2u);
-        any_lane |= subgroupShuffle(any_lane, lane ^ 1u);
+        any_lane |= subgroupShuffle(any_lane, own ^ 4u);
+        any_lane |= subgroupShuffle(any_lane, own ^ 2u);
+        any_lane |= subgroupShuffle(any_lane, own ^ 1u);
         return subgroupBroadcast(any_lane, 0u) != 0u;
     }
 }
@@ -80,9 +81,10 @@ fn in_any_lane(condition: bool, lane: u32) -> bool {
 fn largest_of_packet(value: u32, lane: u32) -> u32 {
     @if(!packets) { return value; }
     @if(packets) {
-        var largest = max(value, subgroupShuffle(value, lane ^ 4u));
-        largest = max(largest, subgroupShuffle(largest, lane ^ 2u));
-        largest = max(largest, subgroupShuffle(largest, lane ^ 1u));
+        let own = lane % PACKET_LANES;
+        var largest = max(value, subgroupShuffle(value, own ^ 4u));
+        largest = max(largest, subgroupShuffle(largest, own ^ 2u));
+        largest = max(largest, subgroupShuffle(largest, own ^ 1u));
         return subgroupBroadcast(largest, 0u);
     }
 }
