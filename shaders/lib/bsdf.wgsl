@@ -132,7 +132,7 @@ fn through_to_base(s: Surface, pair: LayerPair) -> f32 {
 }
 
 // The diffuse part of the BSDF, which is the same for light from all directions: what the base reflects to the viewer
-// of light along the normal. Layers take more of other light, which `bsdf_residual` subtracts. At a grazing view they
+// of light along the normal. Layers take more of other light, which the residual subtracts. At a grazing view they
 // take most; if that were left to the residual, its noise would exceed what is seen.
 fn bsdf_diffuse(s: Surface) -> vec3f {
     @if(glossy) {
@@ -180,9 +180,10 @@ fn diffusely_passed(s: Surface, local: LocalPair) -> vec3f {
     return diffuse_value(s.diffuse_transmission.tint) * through_microfacets(s, light, outer_cosine(s, local.view.z));
 }
 
-// The BSDF less a part that is the same for all directions, times the cosine, for light from the unit `direction`.
-// Each lobe uses the cosine to its own normal, as KHR_materials_clearcoat does: a coat with a normal of its own then
-// reflects no more than one with the base's normal.
+// The BSDF less a part that is the same for all directions, times the cosine, for light from the unit `direction`. With
+// the diffuse part as `part` this is the residual. It is negative where the layers take more of this light from the
+// base than of light along the normal, and more than they reflect. Each lobe uses the cosine to its own normal, as
+// KHR_materials_clearcoat does: a coat with a normal of its own then reflects no more than one with the base's normal.
 @if(glossy)
 fn bsdf_less(s: Surface, direction: vec3f, part: vec3f) -> vec3f {
     let pair = LayerPair(local_pair(s, direction), direction, s.view);
@@ -202,13 +203,6 @@ fn bsdf_less(s: Surface, direction: vec3f, part: vec3f) -> vec3f {
         value = (specular_value(s, pair) + (base - part)) * pair.local.light.z;
     }
     return value + glossy_layers_value(s, pair, faced);
-}
-
-// The BSDF less its diffuse part, times the cosine. Negative where the layers take more of this light from the base
-// than of light along the normal, and more than they reflect.
-fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
-    @if(glossy) { return bsdf_less(s, direction, bsdf_diffuse(s)); }
-    @else { return vec3f(0.0); }
 }
 
 // The BSDF, per steradian, times the cosine; 0 for directions that the surface neither faces nor transmits.
@@ -370,7 +364,7 @@ struct BsdfSample {
     direction: vec3f,
     // The value of `bsdf_evaluate` over the density.
     weight: vec3f,
-    // The value of `bsdf_residual`.
+    // The value of `bsdf_less` for the diffuse part.
     @if(glossy) residual: vec3f,
     // Density by solid angle; 0 if the direction enters a surface that does not transmit, which ends the path.
     pdf: f32,
@@ -421,8 +415,8 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
 // Stands for a density without an upper bound: that of light that passes through the surface.
 @if(glossy) const UNBOUNDED_DENSITY = 1e30;
 
-// Upper bound of `bsdf_pdf` over all directions; 0 for surfaces whose BSDF is diffuse alone, so that `bsdf_residual` is
-// 0. The density is a mean of those of the lobes, weighted by the probabilities of sampling them.
+// Upper bound of `bsdf_pdf` over all directions; 0 for surfaces whose BSDF is diffuse alone, so that the residual is 0.
+// The density is a mean of those of the lobes, weighted by the probabilities of sampling them.
 @if(glossy)
 fn bsdf_max_density(s: Surface) -> f32 {
     let view_z = clamp(dot(s.view, s.shading_normal), MIN_VIEW_COSINE, 1.0);

@@ -107,12 +107,12 @@ fn point_ball(centre: vec3f, reach: f32, normal: vec3f) -> SearchBall {
     return SearchBall(centre, centre, reach, normal, 0.0);
 }
 
-// Half the size of the box around the ellipsoid |v|^2 + 15 (v . n)^2 <= reach^2, for all n within `tilt` of `normal`.
-// The ellipsoid's matrix is I + 15 n n^T, its inverse I - 15/16 n n^T; 15 is NORMAL_OFFSET_WEIGHT.
+// Half the size of the box around the ellipsoid |v|^2 + w (v . n)^2 <= reach^2, for all n within `tilt` of `normal`,
+// where w is NORMAL_STRETCH. The ellipsoid's matrix is I + w n n^T, its inverse I - w / (1 + w) n n^T.
 fn reach_box(reach: f32, normal: vec3f, tilt: f32) -> vec3f {
     @if(paper_counting) { return vec3f(reach); }
     let along = max(abs(normal) - tilt, vec3f(0.0));
-    return reach * sqrt(vec3f(1.0) - 15.0 / 16.0 * along * along);
+    return reach * sqrt(vec3f(1.0) - NORMAL_STRETCH / (1.0 + NORMAL_STRETCH) * along * along);
 }
 
 // The rows of cells along x that the volume may touch: first and last (y, z).
@@ -140,15 +140,17 @@ fn row_photons(grid: GridShape, light: u32, row: vec2i, ball: SearchBall) -> vec
     return vec2u(load_cell_start(base + u32(first)), load_cell_start(base + u32(last) + 1u));
 }
 
-// The part of a row near the tangent plane of the query: a photon farther from it than a quarter of the reach cannot
-// count (NORMAL_OFFSET_WEIGHT + 1 is 4 squared).
+// The part of a row near the tangent plane of the query: a photon farther from it than this share of the reach cannot
+// count.
+@if(!paper_counting) const MAX_OFFSET = 1.0 / sqrt(1.0 + NORMAL_STRETCH);
 @if(!paper_counting)
 fn clip_to_plane(ends: vec2f, row_low: vec2f, ball: SearchBall) -> vec2f {
     // Photon and query both lie in boxes. The part of their offset along the normal that comes from y and z has this
     // middle and half range.
     let normal = ball.normal;
     let middle = dot(row_low + 0.5 - 0.5 * (ball.low.yz + ball.high.yz), normal.yz);
-    let range = 0.5 * dot(vec2f(1.0) + ball.high.yz - ball.low.yz, abs(normal.yz)) + (0.25 + ball.tilt) * ball.reach;
+    let boxes = 0.5 * dot(vec2f(1.0) + ball.high.yz - ball.low.yz, abs(normal.yz));
+    let range = boxes + (MAX_OFFSET + ball.tilt) * ball.reach;
     // Where the row is parallel to the plane, the ends lie beyond any grid.
     let inverse = 1.0 / select(max(normal.x, 1e-6), min(normal.x, -1e-6), normal.x < 0.0);
     let crossings = (-middle + vec2f(-range, range)) * inverse;

@@ -43,15 +43,14 @@ fn visible_surface_of(found: SurfaceHit) -> VisibleSurface {
 struct Chain {
     throughput: vec3f,
     view: vec3f,
-    // The chain has no link: the camera sees the point directly.
-    none: bool,
 }
 
 @if(specular_chains)
 fn unpack_chain(surface: VisibleSurface, position: vec3f) -> Chain {
     let code = bitcast<u32>(surface.chain.w);
+    // Without a link, the camera sees the point directly.
     let none = code == INVALID_POINT;
-    return Chain(surface.chain.xyz, select(oct_decode16(code), direct_view(surface, position), none), none);
+    return Chain(surface.chain.xyz, select(oct_decode16(code), direct_view(surface, position), none));
 }
 
 // The direction from a point that the camera sees directly towards the viewer.

@@ -4,7 +4,7 @@
 import package::lib::attributes::{material_index, surface_texel_of};
 @if(vertex_colours) import package::lib::attributes::vertex_colour_at;
 import package::lib::bsdf::surface::{HitContext, Surface, add_lobes};
-@if(textures) import package::lib::bsdf::surface::{TextureFactors, texture_factors};
+@if(textures) import package::lib::bsdf::surface::texture_factors;
 @if(unlit) import package::lib::bsdf::surface::without_light;
 @if(transmission) import package::lib::bsdf::surface::passes_light;
 @if(transmission) import package::lib::bsdf::transmission::volume_transmittance;

@@ -2,7 +2,6 @@
 // rendered, with several samples of each pixel. Each sample is a layer of `pixel_count` points; the layers follow one
 // another. With adaptive sampling only the listed pixels of these rows are in the tile.
 
-@if(adaptive_sampling) import package::lib::constants::NOT_SAMPLED;
 import package::lib::math::{quotient, remainder};
 import package::lib::rng::hash2;
 

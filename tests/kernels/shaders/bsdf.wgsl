@@ -3,10 +3,8 @@
 import package::kit::group_index;
 import package::lib::bsdf::surface::Surface;
 @if(coat_normals) import package::lib::bsdf::surface::seen_from;
-import package::lib::bsdf::{
-    bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar,
-};
-@if(glossy) import package::lib::bsdf::bsdf_max_density;
+import package::lib::bsdf::{bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_sample, bsdf_seen_afar};
+@if(glossy) import package::lib::bsdf::{bsdf_less, bsdf_max_density};
 import package::lib::sampling::sobol4;
 
 override count: u32;
@@ -73,8 +71,12 @@ fn evaluated(
     results[2u * i] = vec4f(bsdf_evaluate(s, direction), bsdf_pdf(s, direction));
     let base = select(vec3f(0.0), bsdf_diffuse(s) * dot(direction, s.shading_normal), bsdf_faces(s, direction));
     var max_density = 0.0;
-    @if(glossy) { max_density = bsdf_max_density(s); }
-    results[2u * i + 1u] = vec4f(base + bsdf_residual(s, direction), max_density);
+    var residual = vec3f(0.0);
+    @if(glossy) {
+        max_density = bsdf_max_density(s);
+        residual = bsdf_less(s, direction, bsdf_diffuse(s));
+    }
+    results[2u * i + 1u] = vec4f(base + residual, max_density);
 }
 
 // Samples: direction and density, weight of radiance, that of flux.
