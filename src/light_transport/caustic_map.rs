@@ -49,12 +49,10 @@ pub(crate) struct CausticMap {
 }
 
 impl CausticMap {
-    /// Number of the map for samples from `first_sample` on. In a piece it must not depend on where batches begin.
-    pub fn number_at(first_sample: u32, settings: &Settings) -> u32 {
-        match settings.image.piece {
-            Some(_) => first_sample / TILE_SAMPLES,
-            None => first_sample.div_ceil(TILE_SAMPLES),
-        }
+    /// Number of the map for a batch of samples from `first_sample` on. The first batches of 1, 1, 2 and 4 samples share
+    /// a map, so that each map has as many samples as the others.
+    pub fn number_at(first_sample: u32) -> u32 {
+        first_sample / TILE_SAMPLES
     }
 
     /// Number of this map.

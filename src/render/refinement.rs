@@ -228,7 +228,7 @@ impl Renderer<'_> {
 
     /// Makes the caustic map of the samples from `first_sample` on, unless they share the last one.
     pub(super) fn trace_caustics(&mut self, first_sample: u32) -> Result<()> {
-        let number = CausticMap::number_at(first_sample, &self.settings);
+        let number = CausticMap::number_at(first_sample);
         let IndirectKernels { global_map, features, .. } = &self.view.indirect_kernels;
         let Some(kernels) = global_map.as_ref().filter(|_| features.has(Feature::Caustics)) else { return Ok(()) };
         if self.view.lighting.caustics.as_ref().is_none_or(|caustics| caustics.number() != number) {
