@@ -88,6 +88,11 @@ pub(crate) fn table_rows(rows: u32) -> u32 {
     }
 }
 
+/// Rows of records of the largest table whose texture has at most `max_height` rows.
+pub(crate) fn max_record_rows(max_height: u32) -> u32 {
+    (0..=max_height).rev().find(|rows| table_rows(*rows) <= max_height).unwrap_or(0)
+}
+
 /// Value that fills buffers before a kernel under test runs. It is not a small count and, read as a float, it is NaN,
 /// so a word that the kernel did not write shows.
 pub const POISON: u32 = 0xffff_dead;

@@ -5,7 +5,8 @@ use std::borrow::Cow;
 use bytemuck::{Pod, Zeroable};
 
 use crate::buffer::{
-    Buffer, EMPTY_BYTES, KernelTable, MIN_BYTES, POISON, TABLE_LAYER_ROWS, TABLE_WIDTH, Table, TableFormat, table_rows,
+    Buffer, EMPTY_BYTES, KernelTable, MIN_BYTES, POISON, TABLE_LAYER_ROWS, TABLE_WIDTH, Table, TableFormat,
+    max_record_rows, table_rows,
 };
 use crate::device::Gpu;
 use crate::error::{Error, Result, one_line};
@@ -246,7 +247,7 @@ impl Gpu {
     /// Records of the largest table without layers.
     pub fn max_table_records(&self) -> u64 {
         match self.texture_loads {
-            true => u64::from(self.limits.max_texture_dimension_2d) * u64::from(TABLE_WIDTH),
+            true => u64::from(max_record_rows(self.limits.max_texture_dimension_2d)) * u64::from(TABLE_WIDTH),
             false => self.max_buffer_bytes() / 16,
         }
     }

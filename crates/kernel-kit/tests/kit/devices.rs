@@ -4,7 +4,8 @@ use std::sync::{Arc, Mutex};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use kernel_kit::{
-    Composer, DeviceChoice, DeviceLimits, Error, Features, Gpu, Host, Kernel, Resources, kernel_test, test, wgpu,
+    Composer, DeviceChoice, DeviceLimits, Error, Features, Gpu, Host, Kernel, Resources, TableFormat, kernel_test,
+    test, wgpu,
 };
 
 /// The tests' device, to be opened again.
@@ -59,6 +60,20 @@ fn the_callers_device_is_taken(gpu: &Gpu) {
         let limit = gpu.max_buffer_bytes();
         assert_eq!(problem, Error::Buffer { buffer: "test/huge".into(), needed: 1 << 28, limit });
     }
+}
+
+/// The largest table that is said to fit can be made, and no larger one. WebGPU's limits give textures a height that is
+/// a power of two, which tables avoid.
+#[kernel_test]
+fn the_largest_table_fits(gpu: &Gpu) {
+    let adapter = adapter(&gpu.info.name);
+    let (device, queue) = open(&adapter, wgpu::Features::empty());
+    let gpu = Gpu::from_wgpu(adapter, device, queue);
+    let records = gpu.max_table_records() as usize;
+    gpu.empty_table("test/largest", records, TableFormat::Float).unwrap();
+    gpu.check("test/largest").unwrap();
+    let problem = gpu.empty_table("test/larger", records + 1, TableFormat::Float).err().unwrap();
+    assert!(matches!(&problem, Error::Buffer { buffer, .. } if buffer == "test/larger"), "{problem}");
 }
 
 /// A watcher of compilation is called for all kernels that the driver has never seen. A late one is left out, and
