@@ -197,7 +197,19 @@ fn lenses_have_the_size_of_their_f_number() {
         let problem = scene.open_iris(&mut camera, iris(4.0, blades), Focus::Auto).unwrap_err();
         assert!(problem.contains("from 3 to 64"), "{problem}");
     }
+    // Lengths that kernels would read as 0 or infinite, or square to them.
+    for f_number in [f64::MIN_POSITIVE, 1e-60, 1e-22] {
+        let problem = scene.open_iris(&mut camera, iris(f_number, 0), Focus::Auto).unwrap_err();
+        assert!(problem.contains("an f-number must be at least"), "{problem}");
+    }
+    for metres in [1e300, 1e22, 1e-60, f64::MIN_POSITIVE] {
+        let problem = scene.open_iris(&mut camera, iris(4.0, 0), Focus::Distance(metres)).unwrap_err();
+        assert!(problem.contains("a focus distance must be from"), "{problem}");
+    }
     assert_eq!(camera.lens, Some(lens), "a refused iris changes the camera");
+    // A lens with hardly an opening is a pinhole, and one in focus beyond a million kilometres is at infinity.
+    scene.open_iris(&mut camera, iris(1e300, 0), Focus::Distance(1e9)).unwrap();
+    assert!(camera.lens.unwrap().radius == 0.0);
     camera.axes[2] = Vec3::NEG_Z;
     let problem = scene.open_iris(&mut camera, Iris { f_number: 4.0, blades: 0 }, Focus::Auto).unwrap_err();
     assert!(problem.contains("centre of the image"), "{problem}");
