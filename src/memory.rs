@@ -1,13 +1,7 @@
 //! The memory of the machine.
 
 use std::fs;
-use std::path::Path;
-
-/// Where Linux limits the memory of control groups, first in version 2 of their interface, then in version 1: the
-/// folder in the folder of all control groups, the file with the limit, and the beginning of the line of `memory.stat`
-/// that counts the memory in use that belongs to no file.
-const GROUPS: [(&str, &str, &str); 2] =
-    [("", "memory.max", "anon "), ("memory", "memory.limit_in_bytes", "total_rss ")];
+use std::path::{Path, PathBuf};
 
 /// Bytes that the process can use without swap space, within the limits of its control groups. Memory that holds copies
 /// of files counts as free, because the system gives it up when it is needed. `None` if this is unknown, as on systems
@@ -16,16 +10,22 @@ pub fn available() -> Option<u64> {
     available_below(Path::new("/"))
 }
 
-/// [`available`], with the free swap space.
+/// [`available`], with the free swap space, within the limits of control groups on it.
 pub fn available_with_swap() -> Option<u64> {
-    let swap = kilobytes(Path::new("/"), "SwapFree:").unwrap_or(0);
-    Some(available()?.saturating_add(swap))
+    available_with_swap_below(Path::new("/"))
 }
 
 fn available_below(root: &Path) -> Option<u64> {
-    let groups = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
-    let of_groups = groups.lines().filter_map(|line| available_in_groups(root, line)).min();
-    Some(kilobytes(root, "MemAvailable:")?.min(of_groups.unwrap_or(u64::MAX)))
+    let left = groups(root).iter().filter_map(Group::memory_left).min();
+    Some(kilobytes(root, "MemAvailable:")?.min(left.unwrap_or(u64::MAX)))
+}
+
+fn available_with_swap_below(root: &Path) -> Option<u64> {
+    let groups = groups(root);
+    let swap = groups.iter().filter_map(Group::swap_left).min().unwrap_or(u64::MAX);
+    let swap = swap.min(kilobytes(root, "SwapFree:").unwrap_or(0));
+    let both = groups.iter().filter_map(Group::memory_and_swap_left).min().unwrap_or(u64::MAX);
+    Some(available_below(root)?.saturating_add(swap).min(both))
 }
 
 /// The bytes in a line of `/proc/meminfo`.
@@ -35,26 +35,66 @@ fn kilobytes(root: &Path, name: &str) -> Option<u64> {
     Some(value.trim().trim_end_matches(" kB").parse::<u64>().ok()? * 1024)
 }
 
-/// The bytes that are left to the control group that a line of `/proc/self/cgroup` names, and to all groups around it.
-fn available_in_groups(root: &Path, line: &str) -> Option<u64> {
+/// The control groups of the process that may limit its memory, with all groups around them.
+fn groups(root: &Path) -> Vec<Group> {
+    let lines = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
+    lines.lines().filter_map(|line| groups_of(root, line)).flatten().collect()
+}
+
+/// The group that a line of `/proc/self/cgroup` names, and all groups around it.
+fn groups_of(root: &Path, line: &str) -> Option<Vec<Group>> {
     let mut parts = line.splitn(3, ':').skip(1);
     let (controllers, group) = (parts.next()?, parts.next()?);
-    let version = if controllers.is_empty() { 0 } else { 1 };
-    if version == 1 && !controllers.split(',').any(|name| name == "memory") {
+    let is_second = controllers.is_empty();
+    if !is_second && !controllers.split(',').any(|name| name == "memory") {
         return None;
     }
-    let (folder, limit, used) = GROUPS[version];
-    let top = root.join("sys/fs/cgroup").join(folder);
-    let left = |folder: &Path| -> Option<u64> {
-        let limit: u64 = fs::read_to_string(folder.join(limit)).ok()?.trim().parse().ok()?;
-        let stat = fs::read_to_string(folder.join("memory.stat")).ok()?;
-        let used: u64 = stat.lines().find_map(|line| line.strip_prefix(used))?.parse().ok()?;
-        Some(limit.saturating_sub(used))
-    };
+    let all = root.join("sys/fs/cgroup");
+    let top = if is_second { all } else { all.join("memory") };
     // In a container the name may be known only outside it. The folder at the top is then that of the container's own
     // group.
     let own = top.join(group.trim_start_matches('/'));
-    own.ancestors().take_while(|folder| folder.starts_with(&top)).filter_map(left).min()
+    let folders = own.ancestors().take_while(|folder| folder.starts_with(&top));
+    Some(folders.map(|folder| Group { folder: folder.to_owned(), is_second }).collect())
+}
+
+/// A control group of Linux.
+struct Group {
+    folder: PathBuf,
+    /// Whether its files are those of version 2 of the interface, not of version 1.
+    is_second: bool,
+}
+
+impl Group {
+    /// Bytes of memory that it has left. What belongs to files is not counted as used.
+    fn memory_left(&self) -> Option<u64> {
+        match self.is_second {
+            true => Some(self.number("memory.max")?.saturating_sub(self.count("anon ")?)),
+            false => Some(self.number("memory.limit_in_bytes")?.saturating_sub(self.count("total_rss ")?)),
+        }
+    }
+
+    /// Bytes of swap space that it has left. Only version 2 limits them alone.
+    fn swap_left(&self) -> Option<u64> {
+        Some(self.number("memory.swap.max")?.saturating_sub(self.number("memory.swap.current")?))
+    }
+
+    /// Bytes of memory and swap space that it has left together. Only version 1 limits their sum.
+    fn memory_and_swap_left(&self) -> Option<u64> {
+        let used = self.count("total_rss ")?.saturating_add(self.count("total_swap ")?);
+        Some(self.number("memory.memsw.limit_in_bytes")?.saturating_sub(used))
+    }
+
+    /// The number in a file. `None` for `max`, which is no limit.
+    fn number(&self, file: &str) -> Option<u64> {
+        fs::read_to_string(self.folder.join(file)).ok()?.trim().parse().ok()
+    }
+
+    /// The number in the line of `memory.stat` that begins like this.
+    fn count(&self, name: &str) -> Option<u64> {
+        let stat = fs::read_to_string(self.folder.join("memory.stat")).ok()?;
+        stat.lines().find_map(|line| line.strip_prefix(name))?.parse().ok()
+    }
 }
 
 #[cfg(test)]
@@ -95,6 +135,17 @@ mod tests {
             ("sys/fs/cgroup/outer/inner/memory.stat", "anon 5\nfile 5\n"),
         ];
         assert_eq!(available_below(system(&second).path()), Some(2_000_000));
+        // Of the machine's 7 KiB of swap space, the outer group may have 5000 bytes and has 2000.
+        assert_eq!(available_with_swap_below(system(&second).path()), Some(2_000_000 + 7 * 1024));
+        let swap = |limit| {
+            let files = [("outer/memory.swap.max", limit), ("outer/memory.swap.current", "2000\n")];
+            let files = files.map(|(name, text)| (format!("sys/fs/cgroup/{name}"), text));
+            let files = files.iter().map(|(name, text)| (name.as_str(), *text));
+            available_with_swap_below(system(&second.into_iter().chain(files).collect::<Vec<_>>()).path())
+        };
+        assert_eq!(swap("5000\n"), Some(2_000_000 + 3000));
+        assert_eq!(swap("0\n"), Some(2_000_000));
+        assert_eq!(swap("max\n"), Some(2_000_000 + 7 * 1024));
         // Seen from inside of the container, its own group is at the top.
         let first = [
             INFO,
@@ -103,6 +154,12 @@ mod tests {
             ("sys/fs/cgroup/memory/memory.stat", "cache 7\nrss 8\ntotal_rss 500000\n"),
         ];
         assert_eq!(available_below(system(&first).path()), Some(2_000_000));
+        // Swap space that only the machine has, and memory and swap space under one limit.
+        assert_eq!(available_with_swap_below(system(&first).path()), Some(2_000_000 + 7 * 1024));
+        let both = ("sys/fs/cgroup/memory/memory.memsw.limit_in_bytes", "2504000\n");
+        let stat = (first[3].0, "total_rss 500000\ntotal_swap 1000\n");
+        let first_swap = [first[0], first[1], first[2], stat, both];
+        assert_eq!(available_with_swap_below(system(&first_swap).path()), Some(2_003_000));
         // The limit of a group that has none.
         let unlimited = [first[0], first[1], (first[2].0, "9223372036854771712\n"), first[3]];
         assert_eq!(available_below(system(&unlimited).path()), Some(4000 * 1024));
