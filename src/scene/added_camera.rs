@@ -13,7 +13,12 @@ use super::camera::{Camera, Projection};
 use super::container::chunks;
 use super::description::Scene;
 use super::json;
+use crate::input::read_file;
 use crate::{Error, Result};
+
+/// glTF requires a far plane of orthographic cameras. It is this many times as far as the far end of the scene, so that
+/// objects may move out of what the scene is now.
+const FAR: f64 = 1e3;
 
 /// A camera in the file's world space.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +33,7 @@ pub struct AddedCamera {
     pub projection: Projection,
     /// Distance of the near plane.
     pub near: f64,
-    /// Distance of the far plane, or infinite.
+    /// Distance of the far plane; infinite for a perspective camera that has none.
     pub far: f64,
 }
 
@@ -46,7 +51,11 @@ impl AddedCamera {
             }
             perspective => perspective,
         };
-        let [near, far] = [camera.near, camera.far].map(|distance| f64::from(distance) / scale);
+        let (near, mut far) = (f64::from(camera.near), f64::from(camera.far));
+        if matches!(projection, Projection::Orthographic { .. }) && far.is_infinite() {
+            far = FAR * (1.0 + f64::from(camera.position.length()));
+        }
+        let [near, far] = [near, far].map(|distance| distance / scale);
         AddedCamera { name: name.to_owned(), position, axes, projection, near, far }
     }
 
@@ -61,10 +70,7 @@ impl AddedCamera {
                 json!({ "type": "perspective", "perspective": value })
             }
             Projection::Orthographic { xmag, ymag } => {
-                // glTF requires a far plane. 2^24 times the near distance of a placed camera is some 1,700 times the
-                // size of the scene.
-                let far = if self.far.is_finite() { self.far } else { self.near * f64::from(1u32 << 24) };
-                let value = json!({ "xmag": xmag, "ymag": ymag, "znear": self.near, "zfar": far });
+                let value = json!({ "xmag": xmag, "ymag": ymag, "znear": self.near, "zfar": self.far });
                 json!({ "type": "orthographic", "orthographic": value })
             }
         };
@@ -82,7 +88,7 @@ impl AddedCamera {
 /// [`Error::Input`] for a file that cannot be read; [`Error::Usage`] if it refers to other files and `folder` is not
 /// its own.
 pub fn with_camera(source: &Path, folder: &Path, camera: &AddedCamera) -> Result<(Vec<u8>, String)> {
-    let bytes = fs::read(source).map_err(|problem| Error::input(source, "file", problem.to_string()))?;
+    let bytes = read_file(source).map_err(|problem| Error::input(source, "file", problem))?;
     let (text, _) = chunks(&bytes, source)?;
     let invalid = |problem: String| Error::input(source, "file", problem);
     let document = json::parse(text).map_err(&invalid)?;

@@ -1,7 +1,12 @@
 //! Cameras of the file, and the camera that frames a scene without one.
 
-use glam::Vec3;
-use penumbra::internal::scene::{Camera, Focus, Framing, Iris, MAX_BLADES, Projection, Scene};
+use std::fs;
+
+use glam::{DVec3, Vec3};
+use penumbra::ImportOptions;
+use penumbra::internal::scene::{
+    AddedCamera, Camera, Extent, Focus, Framing, Iris, LookAt, MAX_BLADES, Projection, Scene,
+};
 use serde_json::json;
 
 use crate::builder::File;
@@ -262,6 +267,27 @@ fn a_camera_keeps_its_view_in_another_normalised_space() {
         assert_eq!(moved, large.cameras[0]);
         assert_ne!(moved, small.cameras[0]);
     }
+}
+
+/// A placed orthographic camera sees the scene from any distance, also when it is read from the file to which it is
+/// saved.
+#[test]
+fn a_saved_camera_sees_the_scene_from_afar() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("triangle.glb");
+    fs::write(&file, File::triangle().glb()).unwrap();
+    let scene = Scene::load(&file, &ImportOptions::default()).unwrap();
+    for distance in [8.0, 1e4, 1e8] {
+        let view = LookAt::upright(DVec3::new(2.0, 1.0, distance), DVec3::new(2.0, 1.0, 0.0), Extent::Height(4.0));
+        let added = AddedCamera::new("afar", &scene, &scene.look_at(&view).unwrap(), None);
+        let (copy, _) = penumbra::internal::scene::with_camera(&file, folder.path(), &added).unwrap();
+        let copy = Scene::from_bytes(&copy, &file, &ImportOptions::default()).unwrap();
+        assert_eq!(copy.clipped_away(&copy.cameras[0]), None, "{distance}");
+    }
+    // As for every file, what is no regular file is not read.
+    let added = AddedCamera::new("afar", &scene, &scene.frame_camera(), None);
+    let problem = penumbra::internal::scene::with_camera(folder.path(), folder.path(), &added).unwrap_err();
+    assert!(problem.to_string().contains("it is a folder"), "{problem}");
 }
 
 #[test]
