@@ -1,27 +1,30 @@
-//! Ctrl-C and SIGTERM. Before there is an image to save, they end the process at once. After [`Interrupt::defer`] the
-//! first one sets a flag that the render loop reads, and a second one ends the process at once. No half-written file is
-//! left.
+//! Ctrl-C and SIGTERM. Before there is an image to save, and in commands that save none, they end the process at once.
+//! After [`Interrupt::defer`] the first one sets a flag that the render loop reads, and a second one ends the process
+//! at once. No half-written file is left.
 
-use std::sync::Arc;
+use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use penumbra::internal::render::film;
 
 /// The signals received so far.
-pub struct Interrupt(Arc<State>);
+pub struct Interrupt(&'static State);
 
-#[derive(Default)]
 struct State {
     deferred: AtomicBool,
     raised: AtomicBool,
 }
 
+/// The process has one, as it has one handler of each signal.
+static STATE: State = State { deferred: AtomicBool::new(false), raised: AtomicBool::new(false) };
+
 impl Interrupt {
-    /// Listens to signals in a thread of its own: a signal handler could not remove temporary files.
+    /// Listens to signals in a thread of its own: a signal handler could not remove temporary files. After the first
+    /// call, others only return the same signals.
     pub fn listen() -> Self {
-        let state = Arc::new(State::default());
-        listen(state.clone());
-        Interrupt(state)
+        static FIRST: Once = Once::new();
+        FIRST.call_once(listen);
+        Interrupt(&STATE)
     }
 
     /// From now on there is an image to save: the first signal only sets the flag.
@@ -52,12 +55,12 @@ impl State {
 /// SIGINT and SIGTERM. The crate ctrlc does not report which of them came, and its handler of SIGHUP would end renders
 /// that nohup started.
 #[cfg(unix)]
-fn listen(state: Arc<State>) {
+fn listen() {
     use signal_hook::consts::{SIGINT, SIGTERM};
     if let Ok(mut signals) = signal_hook::iterator::Signals::new([SIGINT, SIGTERM]) {
         std::thread::spawn(move || {
             for signal in signals.forever() {
-                if state.ends_the_process() {
+                if STATE.ends_the_process() {
                     // Without running exit handlers: those of drivers would release what other threads still use.
                     signal_hook::low_level::exit(128 + signal);
                 }
@@ -68,9 +71,9 @@ fn listen(state: Arc<State>) {
 
 /// Ctrl-C and Ctrl-Break. Windows ends the process itself when the console is closed.
 #[cfg(windows)]
-fn listen(state: Arc<State>) {
+fn listen() {
     let _ = ctrlc::set_handler(move || {
-        if state.ends_the_process() {
+        if STATE.ends_the_process() {
             // The exit code that shells use for SIGINT.
             std::process::exit(130);
         }

@@ -31,6 +31,7 @@ use std::process::ExitCode;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use flags::with_flags;
+use interrupt::Interrupt;
 use penumbra::{Error, Result};
 
 /// Render glTF scenes with shadow photons, on a Vulkan device
@@ -81,8 +82,10 @@ Exit codes:
   4    no Vulkan device, or the device was lost and could not be replaced; view: no display
   5    compare: the error is above the limit; check: a case did not pass
   130  stopped by Ctrl-C or SIGTERM after the finished samples were written, or by Ctrl-C before the first sample, or
-       by Ctrl-C as the second signal; check: stopped by either, with nothing written
-  143  stopped by SIGTERM before the first sample, or by SIGTERM as the second signal";
+       by Ctrl-C as the second signal; check: stopped by either, with nothing written; other commands: stopped by
+       Ctrl-C
+  143  stopped by SIGTERM before the first sample, or by SIGTERM as the second signal; other commands: stopped by
+       SIGTERM";
 
 /// How a command ended without an error.
 enum Ending {
@@ -100,6 +103,8 @@ pub fn run() -> ExitCode {
         Ok(line) => line.command,
         Err(error) => return answer(&error),
     };
+    // A command may be in the middle of a file.
+    Interrupt::listen();
     let ending = match command {
         Command::Render(arguments) => render::run(&arguments),
         Command::Merge(arguments) => merge::run(&arguments),

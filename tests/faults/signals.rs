@@ -1,6 +1,6 @@
 //! Signals at any time.
 
-use std::io::{BufRead, Read};
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
@@ -48,6 +48,20 @@ fn a_signal_may_come_at_any_time() {
         written[usize::from(names(folder.path()).is_empty())] = true;
     }
     assert!(written[1], "no signal came before there was something to write");
+}
+
+/// Commands that have no image to save end at once, too, after their temporary files are removed: so a signal is no
+/// default action, but has an exit code.
+#[test]
+fn a_signal_ends_every_command_with_its_code() {
+    for (name, code) in [("-INT", 130), ("-TERM", 143)] {
+        let mut command = penumbra(&format!("stress scale --device {}", device()), &[]);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut first = String::new();
+        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut first).unwrap();
+        signal(&child, name);
+        assert_eq!(child.wait().unwrap().code(), Some(code), "{first}");
+    }
 }
 
 /// The first Ctrl-C ends sampling, and a second one ends writing at once, without leaving a partial file.
