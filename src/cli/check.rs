@@ -5,7 +5,7 @@ use std::process::Command;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
-use std::{env, fs, process, thread};
+use std::{env, fs, thread};
 
 use kernel_kit::{DeviceChoice, Gpu};
 use penumbra::internal::memory;
@@ -15,6 +15,7 @@ use penumbra::{Error, Image, Result};
 
 use super::child::{Ended, run_within};
 use super::interrupt::Interrupt;
+use super::render::temporary_folder;
 use super::{Ending, print, say};
 
 /// Memory of a render: a small image on lavapipe takes 0.2 to 0.4 GB.
@@ -156,8 +157,7 @@ impl Arguments {
         let jobs = self.jobs.map_or_else(|| if is_software { default_jobs() } else { 1 }, |jobs| jobs as usize);
         let unknown = |problem| Error::Usage(format!("the file of this program cannot be found: {problem}"));
         let program = env::current_exe().map_err(unknown)?;
-        let folder = env::temp_dir().join(format!("penumbra-check-{}", process::id()));
-        fs::create_dir_all(&folder).map_err(|problem| Error::output(&folder, problem))?;
+        let folder = temporary_folder()?;
         let next = AtomicUsize::new(0);
         let outcomes = Mutex::new(vec![None; cases.len()]);
         thread::scope(|scope| {

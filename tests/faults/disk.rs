@@ -139,7 +139,7 @@ fn an_output_folder_may_vanish() {
     assert!(others.contains("a.json is not written either") && others.ends_with("state is not written either"));
     assert!(problem.contains(image.to_str().unwrap()), "{answer:?}");
     assert!(Image::read(kept).is_ok(), "{answer:?}");
-    fs::remove_file(kept).unwrap();
+    fs::remove_dir_all(Path::new(kept).parent().unwrap()).unwrap();
     assert_eq!(fs::read_to_string(&outputs).unwrap(), "a file");
 }
 
@@ -158,5 +158,5 @@ fn one_failed_file_does_not_affect_the_others() {
     let (_, rescued) = answer.stderr.trim_end().rsplit_once("; the image is in ").unwrap();
     let (rescued, others) = rescued.split_once("; ").unwrap();
     assert!(others.ends_with("lost/state is not written either"), "{answer:?}");
-    fs::remove_file(rescued).unwrap();
+    fs::remove_dir_all(Path::new(rescued).parent().unwrap()).unwrap();
 }

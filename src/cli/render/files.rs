@@ -1,6 +1,6 @@
 //! The files of an image: whether they are complete, and how they are written.
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::{env, fs, process};
 
@@ -50,11 +50,34 @@ impl Files {
     }
 }
 
+/// Makes a new folder in that for temporary files, where other users may have put links under any name that they can
+/// guess.
+///
+/// # Errors
+/// [`Error::Output`] if there is no room or no such folder.
+pub fn temporary_folder() -> Result<PathBuf> {
+    let mut number = 0u64;
+    loop {
+        let folder = env::temp_dir().join(format!("penumbra-{}-{number}", process::id()));
+        match fs::create_dir(&folder) {
+            Ok(()) => return Ok(folder),
+            Err(problem) if problem.kind() == ErrorKind::AlreadyExists => number += 1,
+            Err(problem) => return Err(Error::output(&folder, problem)),
+        }
+    }
+}
+
 /// Saves in the folder for temporary files what could not be written to its own file. `saved` names it, with a verb:
 /// "image is". Returns a remark for the error, which says where it is now; `None` if it cannot be written there either.
 pub fn rescue(saved: &str, extension: &str, write: impl Fn(&Path) -> Result<()>) -> Option<String> {
-    let file = env::temp_dir().join(format!("penumbra-{}.{extension}", process::id()));
-    write(&file).ok().map(|()| format!("; the {saved} in {}", file.display()))
+    let folder = temporary_folder().ok()?;
+    let file = folder.join(format!("rescued.{extension}"));
+    if write(&file).is_err() {
+        // An empty folder for temporary files does no harm.
+        let _ = fs::remove_dir(&folder);
+        return None;
+    }
+    Some(format!("; the {saved} in {}", file.display()))
 }
 
 /// The error of a file that could not be written, with a remark.
@@ -85,4 +108,21 @@ pub fn both(first: Result<()>, second: Result<()>) -> Result<()> {
 
 pub fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    /// A link that another user has put in the place of the folder is not followed.
+    #[test]
+    fn a_temporary_folder_is_new() {
+        let own = tempfile::tempdir().unwrap();
+        let planted = env::temp_dir().join(format!("penumbra-{}-0", process::id()));
+        std::os::unix::fs::symlink(own.path(), &planted).unwrap();
+        let folder = temporary_folder().unwrap();
+        fs::remove_file(&planted).unwrap();
+        assert!(!folder.is_symlink() && folder.is_dir(), "{}", folder.display());
+        fs::remove_dir(folder).unwrap();
+    }
 }
