@@ -9,6 +9,7 @@ use super::interval::Interval;
 use super::run::Subject;
 use crate::settings::{Aov, Settings, Technique};
 use crate::specialisation::features::Feature;
+use crate::statistics::NORMAL_QUANTILE;
 use crate::{Error, Image, Result};
 
 /// Points on each light; their shadow rays measure the true visibility of a point.
@@ -138,8 +139,8 @@ impl Classes {
         let missed = lit.hidden + lit.penumbra + shadowed.penumbra + shadowed.visible;
         let n = points.max(1) as f64;
         let mean = sum / n;
-        // The mean over this many points is normally distributed: 97.5 % quantile.
-        let half = 1.959_964 * ((squares / n - mean * mean).max(0.0) / n).sqrt();
+        // The mean over this many points is normally distributed.
+        let half = NORMAL_QUANTILE * ((squares / n - mean * mean).max(0.0) / n).sqrt();
         Ok(Some(Classes {
             technique,
             points,

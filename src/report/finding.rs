@@ -7,6 +7,7 @@ use super::interval::Interval;
 use super::metrics::{channels, variance};
 use super::reference::Reference;
 use crate::Image;
+use crate::statistics::NORMAL_QUANTILE;
 
 /// Relative brightness error from which an entrant counts as biased. A smaller one does not change an 8-bit code of
 /// mid grey.
@@ -89,8 +90,8 @@ pub(super) fn brightness(images: &[&Image], reference: &Reference) -> Interval {
     let interval = Interval::of_mean(&ratios);
     let variances = ["R", "G", "B"].iter().filter_map(|name| reference.image.channel(&variance(name)));
     let error = variances.flatten().map(|v| f64::from(*v)).sum::<f64>().sqrt() / truth;
-    // The reference's sum is over very many independent pixels, so its error is normal: 97.5 % quantile.
-    let half = (interval.high - interval.value).hypot(1.959_964 * error);
+    // The reference's sum is over very many independent pixels, so its error is normal.
+    let half = (interval.high - interval.value).hypot(NORMAL_QUANTILE * error);
     Interval { low: interval.value - half, high: interval.value + half, ..interval }
 }
 

@@ -58,6 +58,29 @@ pub fn relmse(image: &Image, reference: &Image) -> Result<f64> {
     mean(image, reference, |x, r| (x - r) * (x - r) / (r * r + RELMSE_FLOOR))
 }
 
+/// The expected [`relmse`] between an image with the channels `variance.R` and so on and the same image without noise:
+/// the mean of variance / (r^2 + 0.01) over pixels and channels.
+///
+/// # Errors
+/// A missing channel, under the name `reference`.
+pub(super) fn relmse_of_noise(reference: &Image) -> Result<f64> {
+    mean_with_variance(reference, |r, variance| variance / (r * r + RELMSE_FLOOR))
+}
+
+/// The mean of f(value, variance) over pixels and channels.
+///
+/// # Errors
+/// As [`relmse_of_noise`].
+pub(super) fn mean_with_variance(reference: &Image, f: impl Fn(f64, f64) -> f64) -> Result<f64> {
+    let channel = |name: &str| reference.channel(name).ok_or_else(|| missing("reference", name));
+    let mut sum = 0.0;
+    for name in ["R", "G", "B"] {
+        let pairs = channel(name)?.iter().zip(channel(&variance(name))?);
+        sum += pairs.map(|(r, variance)| f(f64::from(*r), f64::from(*variance))).sum::<f64>();
+    }
+    Ok(sum / (3 * reference.pixels()) as f64)
+}
+
 /// Mean of |x - r| over pixels and channels of linear radiance.
 ///
 /// # Errors

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::metrics::{self, RELMSE_FLOOR, variance};
+use super::metrics::{self, variance};
 use super::run::{Subject, colour};
 use crate::render::film::Metadata;
 use crate::settings::{Settings, Technique};
@@ -146,25 +146,15 @@ impl Reference {
 
     /// Square root of the pixels' mean variance, over the mean radiance. `None` if the variance is not known.
     pub fn standard_error(&self) -> Option<f64> {
-        let variance = self.mean(|_, variance| variance)?;
-        let radiance = self.mean(|r, _| r)?;
+        let variance = metrics::mean_with_variance(&self.image, |_, variance| variance).ok()?;
+        let radiance = metrics::mean_with_variance(&self.image, |r, _| r).ok()?;
         // A black reference without variance is exact. The absolute value keeps the error of a negative image positive.
         Some(if variance == 0.0 { 0.0 } else { variance.sqrt() / radiance.abs() })
     }
 
     /// The expected relMSE of a perfect image against this reference. Curves below it mean nothing.
     pub fn floor(&self) -> Option<f64> {
-        self.mean(|r, variance| variance / (r * r + RELMSE_FLOOR))
-    }
-
-    /// The mean of f(value, variance) over pixels and channels. `None` if the variance is not known.
-    fn mean(&self, f: impl Fn(f64, f64) -> f64) -> Option<f64> {
-        let mut sum = 0.0;
-        for name in ["R", "G", "B"] {
-            let (r, variance) = (self.image.channel(name)?, self.image.channel(&variance(name))?);
-            sum += r.iter().zip(variance).map(|(r, v)| f(f64::from(*r), f64::from(*v))).sum::<f64>();
-        }
-        Some(sum / (3 * self.image.pixels()) as f64)
+        metrics::relmse_of_noise(&self.image).ok()
     }
 }
 

@@ -8,7 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 use kernel_kit::Gpu;
 
 use super::format::{grouped, percent};
-use super::metrics::{self, RELMSE_FLOOR, variance};
+use super::metrics;
 use crate::render::film::View;
 use crate::scene::ImportOptions;
 use crate::{Aov, Error, Image, Progress, Renderer, Result, Scene, Settings, Statistics, Technique};
@@ -175,7 +175,7 @@ impl Comparison {
     pub fn new(scene: &'static PaperScene, renders: [Render; 4]) -> Result<Comparison> {
         let reference = &renders[0].image;
         let direct = direct_light(reference);
-        let mut relmse = [own_relmse(reference)?; 4];
+        let mut relmse = [metrics::relmse_of_noise(reference)?; 4];
         let mut relmse_direct = [0.0; 3];
         for (i, Render { image, .. }) in renders[1..].iter().enumerate() {
             relmse[i + 1] = metrics::relmse(image, reference)?;
@@ -369,18 +369,6 @@ fn direct_light(image: &Image) -> Image {
         }
     }
     direct
-}
-
-/// The mean of variance / (r^2 + 0.01): the expected [`metrics::relmse`] of an image against one without noise.
-fn own_relmse(image: &Image) -> Result<f64> {
-    let channel =
-        |name: &str| image.channel(name).ok_or_else(|| Error::input("reference", name, "there is no such channel"));
-    let mut sum = 0.0;
-    for name in ["R", "G", "B"] {
-        let pairs = channel(name)?.iter().zip(channel(&variance(name))?);
-        sum += pairs.map(|(&r, &variance)| f64::from(variance) / (f64::from(r).powi(2) + RELMSE_FLOOR)).sum::<f64>();
-    }
-    Ok(sum / (3 * image.pixels()) as f64)
 }
 
 /// 1 - shadow rays over those of the second technique.

@@ -22,6 +22,7 @@ use super::skin::Influences;
 use super::triangle::{NO_LIGHT, Triangle, Vertex};
 use crate::Result;
 use crate::count::count;
+use crate::procedural::box_corners;
 
 /// Width of an object over the radius of the scene below which a note is added: three times the gap that rays skip at a
 /// surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
@@ -185,7 +186,10 @@ impl Geometry {
         let shared = self.shared.get_mut(&(mesh, mirrors)).expect("it is there now");
         // Mirrored twice, which cancels out.
         let placement = world * mirror;
-        if shared.bounds.is_some_and(|bounds| !box_corners(bounds).all(|p| placement.transform_point3(p).is_finite())) {
+        if shared
+            .bounds
+            .is_some_and(|bounds| !box_corners(bounds).iter().all(|p| placement.transform_point3(*p).is_finite()))
+        {
             return Err(placed.node.json.error("its world matrix moves vertices out of range"));
         }
         shared.placements.push(placement);
@@ -443,10 +447,6 @@ impl Shared {
 /// The bounding box of two.
 pub(super) fn joined([lower, upper]: [DVec3; 2], [low, high]: [DVec3; 2]) -> [DVec3; 2] {
     [lower.min(low), upper.max(high)]
-}
-
-fn box_corners(bounds: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
-    (0..8).map(move |i| DVec3::from_array([0, 1, 2].map(|axis| bounds[i >> axis & 1][axis])))
 }
 
 /// Adds the vertices of a triangle that are not in `adopted` yet, with their positions. Returns their new indices.

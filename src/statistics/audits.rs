@@ -56,10 +56,12 @@ impl Audits {
     }
 }
 
+/// 97.5 % quantile of the normal distribution: so many standard errors are half of an interval at 95 %.
+pub(crate) const NORMAL_QUANTILE: f64 = 1.959_964;
+
 /// Wilson's score interval at 95 % of a share estimated by `part` of `whole`: its centre and its half width.
 pub(crate) fn wilson(part: u64, whole: u64) -> (f64, f64) {
-    // 97.5 % quantile of the normal distribution.
-    const Z: f64 = 1.959_964;
+    const Z: f64 = NORMAL_QUANTILE;
     if whole == 0 {
         return (0.5, 0.5);
     }

@@ -6,9 +6,9 @@ pub(crate) mod totals;
 
 use std::collections::BTreeMap;
 
-#[cfg(feature = "report")]
-pub(crate) use audits::wilson;
 pub use audits::{Audits, Stratum};
+#[cfg(feature = "report")]
+pub(crate) use audits::{NORMAL_QUANTILE, wilson};
 pub use counter::Counter;
 use kernel_kit::DeviceInfo;
 use serde::{Deserialize, Serialize};
