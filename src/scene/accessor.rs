@@ -10,7 +10,7 @@ use crate::Result;
 
 /// Number of elements that an accessor without data may have in any file. A larger number must not exceed the bytes of
 /// the largest buffer: other attributes of the same vertices are stored there, and nothing else in the file bounds it.
-const MIN_ZERO_FILLED_LIMIT: usize = 1 << 12;
+const ZERO_FILLED_IN_ANY_FILE: usize = 1 << 12;
 
 /// A buffer view: a byte range of a buffer.
 struct View<'a> {
@@ -340,8 +340,8 @@ impl<'a> Views<'a> {
         } else if accessor.json.get("bufferView")?.is_some() {
             accessor.elements = self.elements(&accessor.json, count, size, component)?;
             accessor.unreadable = accessor.elements.is_none().then_some(NO_DATA);
-        } else if count > MIN_ZERO_FILLED_LIMIT.max(self.largest_buffer) {
-            let limit = MIN_ZERO_FILLED_LIMIT.max(self.largest_buffer);
+        } else if count > ZERO_FILLED_IN_ANY_FILE.max(self.largest_buffer) {
+            let limit = ZERO_FILLED_IN_ANY_FILE.max(self.largest_buffer);
             return Err(accessor
                 .error(format!("{count} elements without data: the maximum for a file of this size is {limit}")));
         }

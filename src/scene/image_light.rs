@@ -124,7 +124,7 @@ impl<'a> ImageLight<'a> {
                 // The middle column is seen along +X, that a quarter to the right along +Z.
                 let azimuth = std::f64::consts::TAU * ((column as f64 + 0.5) / f64::from(width) - 0.5);
                 let direction = DVec3::new(sine * azimuth.cos(), cosine, sine * azimuth.sin());
-                *texel = met(faces, back * direction).map(|channel| channel * self.intensity);
+                *texel = radiance(faces, back * direction).map(|channel| channel * self.intensity);
             }
         });
         let panorama = Panorama { width, height, texels };
@@ -136,7 +136,7 @@ impl<'a> ImageLight<'a> {
 }
 
 /// The radiance of a cube map in a direction.
-fn met(faces: &[TextureImage], direction: DVec3) -> [f32; 3] {
+fn radiance(faces: &[TextureImage], direction: DVec3) -> [f32; 3] {
     let towards = |face: &usize| direction.dot(FACES[*face][0]);
     let face = (0..6).max_by(|a, b| towards(a).total_cmp(&towards(b))).unwrap_or(0);
     let [_, right, up] = FACES[face];

@@ -10,7 +10,7 @@ use super::keyframes::Values::{self, Rotation, Scalars, Switch, Vector};
 /// Numbers without limits.
 const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 /// Numbers of at least 0.
-const POSITIVE: [f64; 2] = [0.0, f64::INFINITY];
+const NON_NEGATIVE: [f64; 2] = [0.0, f64::INFINITY];
 /// Numbers from 0 to 1.
 const UNIT: [f64; 2] = [0.0, 1.0];
 
@@ -27,21 +27,21 @@ const KNOWN: &[(&str, Values, [f64; 2])] = &[
     ("/cameras/*/orthographic/xmag", Vector(1), ANY),
     ("/cameras/*/orthographic/ymag", Vector(1), ANY),
     ("/cameras/*/orthographic/zfar", Vector(1), ANY),
-    ("/cameras/*/orthographic/znear", Vector(1), POSITIVE),
+    ("/cameras/*/orthographic/znear", Vector(1), NON_NEGATIVE),
     ("/cameras/*/perspective/aspectRatio", Vector(1), ANY),
     ("/cameras/*/perspective/yfov", Vector(1), ANY),
     ("/cameras/*/perspective/zfar", Vector(1), ANY),
     ("/cameras/*/perspective/znear", Vector(1), ANY),
-    ("/extensions/KHR_lights_punctual/lights/*/color", Vector(3), POSITIVE),
-    ("/extensions/KHR_lights_punctual/lights/*/intensity", Vector(1), POSITIVE),
+    ("/extensions/KHR_lights_punctual/lights/*/color", Vector(3), NON_NEGATIVE),
+    ("/extensions/KHR_lights_punctual/lights/*/intensity", Vector(1), NON_NEGATIVE),
     ("/extensions/KHR_lights_punctual/lights/*/range", Vector(1), ANY),
-    ("/extensions/KHR_lights_punctual/lights/*/spot/innerConeAngle", Vector(1), POSITIVE),
+    ("/extensions/KHR_lights_punctual/lights/*/spot/innerConeAngle", Vector(1), NON_NEGATIVE),
     ("/extensions/KHR_lights_punctual/lights/*/spot/outerConeAngle", Vector(1), ANY),
     ("/materials/*/pbrMetallicRoughness/baseColorFactor", Vector(4), UNIT),
     ("/materials/*/pbrMetallicRoughness/metallicFactor", Vector(1), UNIT),
     ("/materials/*/pbrMetallicRoughness/roughnessFactor", Vector(1), UNIT),
-    ("/materials/*/alphaCutoff", Vector(1), POSITIVE),
-    ("/materials/*/emissiveFactor", Vector(3), POSITIVE),
+    ("/materials/*/alphaCutoff", Vector(1), NON_NEGATIVE),
+    ("/materials/*/emissiveFactor", Vector(3), NON_NEGATIVE),
     ("/materials/*/normalTexture/scale", Vector(1), ANY),
     ("/materials/*/**/extensions/KHR_texture_transform/offset", Vector(2), ANY),
     ("/materials/*/**/extensions/KHR_texture_transform/rotation", Vector(1), ANY),
@@ -53,21 +53,21 @@ const KNOWN: &[(&str, Values, [f64; 2])] = &[
     ("/materials/*/extensions/KHR_materials_clearcoat/clearcoatRoughnessFactor", Vector(1), UNIT),
     ("/materials/*/extensions/KHR_materials_diffuse_transmission/diffuseTransmissionColorFactor", Vector(3), UNIT),
     ("/materials/*/extensions/KHR_materials_diffuse_transmission/diffuseTransmissionFactor", Vector(1), UNIT),
-    ("/materials/*/extensions/KHR_materials_dispersion/dispersion", Vector(1), POSITIVE),
-    ("/materials/*/extensions/KHR_materials_emissive_strength/emissiveStrength", Vector(1), POSITIVE),
-    ("/materials/*/extensions/KHR_materials_ior/ior", Vector(1), POSITIVE),
+    ("/materials/*/extensions/KHR_materials_dispersion/dispersion", Vector(1), NON_NEGATIVE),
+    ("/materials/*/extensions/KHR_materials_emissive_strength/emissiveStrength", Vector(1), NON_NEGATIVE),
+    ("/materials/*/extensions/KHR_materials_ior/ior", Vector(1), NON_NEGATIVE),
     ("/materials/*/extensions/KHR_materials_iridescence/iridescenceFactor", Vector(1), UNIT),
     ("/materials/*/extensions/KHR_materials_iridescence/iridescenceIor", Vector(1), [1.0, f64::INFINITY]),
-    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceThicknessMaximum", Vector(1), POSITIVE),
-    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceThicknessMinimum", Vector(1), POSITIVE),
+    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceThicknessMaximum", Vector(1), NON_NEGATIVE),
+    ("/materials/*/extensions/KHR_materials_iridescence/iridescenceThicknessMinimum", Vector(1), NON_NEGATIVE),
     ("/materials/*/extensions/KHR_materials_sheen/sheenColorFactor", Vector(3), UNIT),
     ("/materials/*/extensions/KHR_materials_sheen/sheenRoughnessFactor", Vector(1), UNIT),
-    ("/materials/*/extensions/KHR_materials_specular/specularColorFactor", Vector(3), POSITIVE),
+    ("/materials/*/extensions/KHR_materials_specular/specularColorFactor", Vector(3), NON_NEGATIVE),
     ("/materials/*/extensions/KHR_materials_specular/specularFactor", Vector(1), UNIT),
     ("/materials/*/extensions/KHR_materials_transmission/transmissionFactor", Vector(1), UNIT),
     ("/materials/*/extensions/KHR_materials_volume/attenuationColor", Vector(3), UNIT),
     ("/materials/*/extensions/KHR_materials_volume/attenuationDistance", Vector(1), ANY),
-    ("/materials/*/extensions/KHR_materials_volume/thicknessFactor", Vector(1), POSITIVE),
+    ("/materials/*/extensions/KHR_materials_volume/thicknessFactor", Vector(1), NON_NEGATIVE),
 ];
 
 /// The property with the weights of all morph targets of a node or mesh.
