@@ -13,7 +13,7 @@ use penumbra::settings::Denoise;
 use penumbra::{Camera, Denoiser, Error, Result, Scene};
 
 use super::options::{
-    DeviceOptions, ExtentOptions, OidnOptions, RenderOptions, SceneOptions, denoisers, finite, positive,
+    DeviceOptions, ExtentOptions, OidnOptions, RenderOptions, SceneOptions, camera_word, denoisers, finite, positive,
 };
 use super::{CommandLine, Ending, cache, flags, print, say};
 
@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         },
     };
     let program = Program {
-        source: Arc::new(Options::new(arguments)),
+        source: Arc::new(Options::new(arguments, &CommandLine::command().get_matches())),
         file: arguments.scene.scene.clone(),
         scene,
         choices,
@@ -143,8 +143,8 @@ struct Options {
 }
 
 impl Options {
-    fn new(arguments: &Arguments) -> Options {
-        let matches = CommandLine::command().get_matches();
+    /// `matches` are those of the whole command line.
+    fn new(arguments: &Arguments, matches: &ArgMatches) -> Options {
         let given = matches.subcommand_matches("view");
         let all = |wanted: &dyn Fn(&str) -> bool| given.map(|given| given_options(given, wanted)).unwrap_or_default();
         Options {
@@ -158,20 +158,22 @@ impl Options {
         }
     }
 
-    fn seen(&self, eye: &Eye) -> SceneOptions {
+    /// The options that see what `eye` sees, where the file's cameras have these names.
+    fn seen(&self, eye: &Eye, cameras: &[String]) -> SceneOptions {
         let scene = self.scene.clone().through(eye.fov, eye.f_number);
         match &eye.viewpoint {
             Viewpoint::Given => scene,
-            Viewpoint::File(index) => scene.through_camera(*index),
+            // The field of view of the command belongs to the camera of the command.
+            Viewpoint::File(index) => scene.through_camera(camera_word(cameras, *index), eye.fov),
             Viewpoint::Placed(view) => scene.placed(view),
         }
     }
 
-    /// The options of the camera.
-    fn camera_options(&self, eye: &Eye) -> Vec<String> {
+    /// The options of the camera, where the file's cameras have these names.
+    fn camera_options(&self, eye: &Eye, cameras: &[String]) -> Vec<String> {
         let mut options = match &eye.viewpoint {
             Viewpoint::Given => self.camera.clone(),
-            Viewpoint::File(index) => vec![format!("--camera={index}")],
+            Viewpoint::File(index) => vec![format!("--camera={}", camera_word(cameras, *index))],
             Viewpoint::Placed(view) => {
                 let numbers = |p: &[f64; 3]| p.map(|x| x.to_string()).join(",");
                 let positions = [view.from, view.at].map(|position| numbers(&position.to_array()));
@@ -229,7 +231,8 @@ impl Source for Options {
     }
 
     fn camera(&self, scene: &Scene, eye: &Eye, aspect: f32) -> Result<Camera> {
-        self.seen(eye).camera(scene, aspect)
+        let cameras: Vec<String> = scene.cameras.iter().map(|camera| camera.name.clone()).collect();
+        self.seen(eye, &cameras).camera(scene, aspect)
     }
 
     fn eye(&self) -> Eye {
@@ -243,12 +246,12 @@ impl Source for Options {
         }
     }
 
-    fn command(&self, picture: &Picture) -> String {
+    fn command(&self, picture: &Picture, cameras: &[String]) -> String {
         let Picture { file, eye, choices } = picture;
         let Choices { settings, pose, display } = choices;
         let image = &settings.image;
         let mut words = vec!["penumbra".to_owned(), "render".to_owned(), file.display().to_string()];
-        words.extend(self.camera_options(eye));
+        words.extend(self.camera_options(eye, cameras));
         if let Some(time) = pose.time {
             words.push(format!("--at={time}"));
             words.extend(self.animation.iter().cloned());
@@ -296,10 +299,13 @@ fn quoted(word: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
+    use std::fs;
+
+    use clap::{CommandFactory, Parser};
+    use penumbra::internal::view::{Eye, Source, Viewpoint};
 
     use super::super::{Command, CommandLine};
-    use super::quoted;
+    use super::{Options, quoted};
 
     /// The window begins with what the command says.
     #[test]
@@ -312,6 +318,47 @@ mod tests {
         let panorama = ["--environment", "sky.exr"];
         assert_eq!(rotation(&[&panorama[..], &["--environment-rotation", "45"]].concat()), Some(45.0));
         assert_eq!(rotation(&panorama), None);
+    }
+
+    /// A camera selected in the window is that camera of the file, whatever the cameras are called and whichever field
+    /// of view the command gives to its own. The copied command has the same camera.
+    #[test]
+    fn a_selected_camera_is_that_of_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("cameras.gltf");
+        let names = ["1", "0", "twin", "twin", "5", "00", "side"];
+        let nodes = names.iter().enumerate().map(|(i, name)| format!(r#"{{"camera": {i}, "name": "{name}"}}"#));
+        let nodes = nodes.collect::<Vec<_>>().join(", ");
+        let perspective =
+            |i: usize| format!(r#"{{"type": "perspective", "perspective": {{"yfov": 0.{}, "znear": 0.1}}}}"#, i + 1);
+        let perspectives = (0..names.len() - 1).map(perspective).collect::<Vec<_>>().join(", ");
+        let orthographic = r#"{"xmag": 1, "ymag": 1, "znear": 0, "zfar": 9}"#;
+        let text = format!(
+            r#"{{"asset": {{"version": "2.0"}}, "scene": 0, "scenes": [{{"nodes": [0, 1, 2, 3, 4, 5, 6]}}],
+            "nodes": [{nodes}],
+            "cameras": [{perspectives}, {{"type": "orthographic", "orthographic": {orthographic}}}]}}"#
+        );
+        fs::write(&file, text).unwrap();
+        let words = ["penumbra", "view", file.to_str().unwrap(), "--fov", "30"];
+        let Command::View(arguments) = CommandLine::parse_from(words).command else { panic!("another command") };
+        let options = Options::new(&arguments, &CommandLine::command().get_matches_from(words));
+        let scene = arguments.scene.load_at(None).unwrap();
+        let of_command = |eye: &Eye| {
+            let camera = options.camera_options(eye, &names.map(str::to_owned));
+            let line = ["penumbra", "render", words[2], "-o", "a.png"].map(str::to_owned).into_iter().chain(camera);
+            let Command::Render(arguments) = CommandLine::parse_from(line).command else { panic!("another command") };
+            arguments.scene.camera(&scene, 1.0).unwrap()
+        };
+        for (index, expected) in scene.cameras.iter().enumerate() {
+            let eye = Eye { viewpoint: Viewpoint::File(index), ..Eye::default() };
+            assert_eq!(options.camera(&scene, &eye, 1.0).unwrap(), *expected, "camera {index}");
+            assert_eq!(of_command(&eye), *expected, "camera {index}");
+        }
+        // A field of view that is chosen in the window is for the camera that it shows.
+        let wide = Eye { viewpoint: Viewpoint::File(2), fov: Some(60.0), ..Eye::default() };
+        for eye in [wide, Eye::default()] {
+            assert_eq!(of_command(&eye), options.camera(&scene, &eye, 1.0).unwrap(), "{eye:?}");
+        }
     }
 
     #[test]

@@ -256,7 +256,7 @@ impl View {
 
     fn copy(&mut self) {
         let Some(snapshot) = &self.snapshot else { return };
-        let command = self.source.command(&snapshot.picture);
+        let command = self.source.command(&snapshot.picture, &snapshot.cameras);
         (self.copied)(&command);
         self.context.copy_text(command.clone());
         self.panel.copied(command);

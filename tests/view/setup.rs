@@ -39,7 +39,7 @@ impl Source for Files {
         (Denoiser::default(), None)
     }
 
-    fn command(&self, _: &Picture) -> String {
+    fn command(&self, _: &Picture, _: &[String]) -> String {
         String::new()
     }
 

@@ -16,6 +16,8 @@ use penumbra::{Denoiser, Error, Image, Result, Settings};
 
 use super::cache;
 
+#[cfg(feature = "view")]
+pub use scene::camera_word;
 pub use scene::{LoadedPanorama, SceneOptions};
 pub use settings::{ExtentOptions, RenderOptions, SettingsOptions};
 pub use values::{EntrantParser, denoisers, finite, positive};

@@ -178,6 +178,21 @@ pub struct SceneOptions {
     environment_strength: f32,
 }
 
+/// What `--camera` must be for the camera `index` of a file whose cameras have these names: its name, or its index if
+/// the name is not unique or reads as an index. Names come before indices, but an index may begin with zeros.
+#[cfg(feature = "view")]
+pub fn camera_word(names: &[String], index: usize) -> String {
+    let is_another = |word: &str| names.iter().enumerate().any(|(i, name)| i != index && name == word);
+    if let Some(name) = names.get(index).filter(|name| !is_another(name) && name.parse::<usize>().is_err()) {
+        return name.clone();
+    }
+    let mut word = index.to_string();
+    while is_another(&word) {
+        word.insert(0, '0');
+    }
+    word
+}
+
 /// For the window, which changes some of the options.
 #[cfg(feature = "view")]
 impl SceneOptions {
@@ -192,11 +207,10 @@ impl SceneOptions {
         SceneOptions { fov: fov.or(self.fov), aperture: f_number, ..self }
     }
 
-    /// A camera of the file.
-    pub fn through_camera(self, index: usize) -> Self {
-        let camera = Some(index.to_string());
+    /// A camera of the file, with this field of view or its own.
+    pub fn through_camera(self, camera: String, fov: Option<f64>) -> Self {
         let (look_from, look_at, look_up, orthographic) = (None, None, None, None);
-        SceneOptions { camera, from: None, look_from, look_at, look_up, orthographic, ..self }
+        SceneOptions { camera: Some(camera), from: None, look_from, look_at, look_up, fov, orthographic, ..self }
     }
 
     /// A placed camera.

@@ -85,8 +85,8 @@ pub trait Source: Send + Sync {
     /// The denoiser; without one, why.
     fn denoiser(&self) -> (Denoiser, Option<String>);
 
-    /// The command that renders a picture.
-    fn command(&self, picture: &Picture) -> String;
+    /// The command that renders a picture. `cameras` are the names of the file's cameras.
+    fn command(&self, picture: &Picture, cameras: &[String]) -> String;
 
     /// The files besides the scene's that it reads.
     fn files(&self) -> Vec<PathBuf>;
