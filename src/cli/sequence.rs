@@ -88,15 +88,19 @@ pub struct Frame {
 
 impl SequenceOptions {
     /// The frames; `None` for a single image.
-    pub fn frames(&self) -> Option<impl Iterator<Item = Frame> + use<>> {
+    pub fn frames(&self) -> Option<impl Iterator<Item = Frame>> {
+        Some(self.numbers()?.map(|number| self.frame(number)))
+    }
+
+    /// The numbers of the frames.
+    fn numbers(&self) -> Option<RangeInclusive<u32>> {
         let views = self.turntable.map(|views| Frames { first: 0, last: views - 1 });
-        let Frames { first, last } = self.frames.or(views)?;
-        let numbers: RangeInclusive<u32> = first..=last;
-        let (fps, seed_per_frame) = (views.is_none().then_some(self.fps), self.seed_per_frame);
-        Some(numbers.map(move |number| {
-            let seed = if seed_per_frame { number } else { 0 };
-            Frame { number, seconds: fps.map(|fps| f64::from(number) / fps), seed }
-        }))
+        self.frames.or(views).map(|Frames { first, last }| first..=last)
+    }
+
+    fn frame(&self, number: u32) -> Frame {
+        let seconds = self.turntable.is_none().then_some(f64::from(number) / self.fps);
+        Frame { number, seconds, seed: if self.seed_per_frame { number } else { 0 } }
     }
 
     /// The first frame.
@@ -111,27 +115,33 @@ impl SequenceOptions {
 
     /// Checks that the names of a sequence's files contain the placeholder, so that each frame has files of its own,
     /// and that those of a single image do not.
-    pub fn check_names<'p>(&self, mut paths: impl Iterator<Item = &'p PathBuf>) -> Result<()> {
-        let is_sequence = self.frames.is_some() || self.turntable.is_some();
-        let Some(path) = paths.find(|path| path.to_string_lossy().contains(PLACEHOLDER) != is_sequence) else {
-            return Ok(());
-        };
+    pub fn check_names<'p>(&self, paths: impl Iterator<Item = &'p PathBuf>) -> Result<()> {
+        let is_sequence = self.numbers().is_some();
         let flag = if self.turntable.is_some() { "--turntable" } else { "--frames" };
-        let problem = match is_sequence {
-            true => format!("{flag} writes many files, so its name must contain {PLACEHOLDER}"),
-            false => format!("{PLACEHOLDER} stands for the number of a frame: add --frames or --turntable"),
-        };
-        Err(Error::Usage(format!("{}: {problem}", path.display())))
+        for path in paths {
+            let has_placeholder = path.to_string_lossy().contains(PLACEHOLDER);
+            let problem = match is_sequence {
+                true if !has_placeholder => {
+                    format!("{flag} writes many files, so its name must contain {PLACEHOLDER}")
+                }
+                true if path.to_str().is_none() => {
+                    format!("{flag} puts numbers into names of UTF-8 only: name another output")
+                }
+                false if has_placeholder => {
+                    format!("{PLACEHOLDER} stands for the number of a frame: add --frames or --turntable")
+                }
+                _ => continue,
+            };
+            return Err(Error::Usage(format!("{}: {problem}", path.display())));
+        }
+        Ok(())
     }
 }
 
 impl Frame {
-    /// The name of its file.
+    /// The name of its file. [`SequenceOptions::check_names`] has refused names that are not UTF-8.
     pub fn file(&self, path: &Path) -> PathBuf {
         let number = self.number;
-        match path.to_str() {
-            Some(text) => text.replace(PLACEHOLDER, &format!("{number:0DIGITS$}")).into(),
-            None => path.to_owned(),
-        }
+        path.to_string_lossy().replace(PLACEHOLDER, &format!("{number:0DIGITS$}")).into()
     }
 }

@@ -162,6 +162,15 @@ fn a_signal_leaves_complete_frames() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "{said}");
 }
 
+/// The number of a frame cannot be put into a name that is not UTF-8: all frames would go to one file.
+#[cfg(unix)]
+#[test]
+fn names_of_frames_are_utf8() {
+    use std::os::unix::ffi::OsStrExt;
+    let output = std::ffi::OsStr::from_bytes(b"shot\xff.{frame}.png");
+    run("render no-scene.glb --frames 0..3 -o", &[&output]).assert_refused(2, &["--frames", "UTF-8"]);
+}
+
 #[test]
 fn wrong_usage_of_time_names_the_option() {
     for (arguments, word) in [
