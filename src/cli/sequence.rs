@@ -1,5 +1,7 @@
 //! Sequences: the frames of an animation, or views all around the scene, one file each.
 
+use std::collections::BTreeSet;
+use std::fs;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -14,6 +16,9 @@ const PLACEHOLDER: &str = "{frame}";
 /// Minimum number of digits of a frame number in file names, as in other programs. It does not depend on the range of
 /// frames: a frame has the same name whichever others are rendered with it.
 const DIGITS: usize = 4;
+
+/// Maximum number of digits: those of the largest frame number, [`u32::MAX`].
+const MAX_DIGITS: usize = 10;
 
 /// Maximum number of views of a turntable. All cameras are made before the first view is rendered. At 24 views a
 /// second, a sequence of as many lasts half a day.
@@ -108,6 +113,20 @@ impl SequenceOptions {
         self.frames()?.next()
     }
 
+    /// The first frame, and those whose numbers are in one of these names: no other frame can have a file of such a
+    /// name. Long sequences have too many frames to compare the names of all.
+    pub fn first_and_named(&self, names: &[&PathBuf]) -> Vec<Frame> {
+        let Some(numbers) = self.numbers() else { return Vec::new() };
+        let mut found = BTreeSet::from([*numbers.start()]);
+        for name in names {
+            // A file behind a link has another name.
+            for name in [Some(name.to_path_buf()), fs::canonicalize(name).ok()].into_iter().flatten() {
+                found.extend(numbers_in(&name.to_string_lossy()).filter(|number| numbers.contains(number)));
+            }
+        }
+        found.into_iter().map(|number| self.frame(number)).collect()
+    }
+
     /// The number of views of a turntable.
     pub fn views(&self) -> Option<u32> {
         self.turntable
@@ -144,4 +163,10 @@ impl Frame {
         let number = self.number;
         path.to_string_lossy().replace(PLACEHOLDER, &format!("{number:0DIGITS$}")).into()
     }
+}
+
+/// All numbers that a name has where a file of a sequence has that of its frame. Other digits may be next to them.
+fn numbers_in(name: &str) -> impl Iterator<Item = u32> {
+    let number = |from: usize, digits: usize| name.get(from..from + digits)?.parse().ok();
+    (0..name.len()).flat_map(move |from| (DIGITS..=MAX_DIGITS).filter_map(move |digits| number(from, digits)))
 }

@@ -162,6 +162,29 @@ fn a_signal_leaves_complete_frames() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "{said}");
 }
 
+/// No frame overwrites an input, however many frames there are. Digits beside {frame} are part of the name.
+#[test]
+fn no_frame_overwrites_an_input() {
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name);
+    let panorama = path("sky10005.exr");
+    fs::write(&panorama, "kept").unwrap();
+    for (output, frames) in [
+        ("sky{frame}.exr", "0..4294967295"),
+        ("sky1{frame}.exr", "0..9"),
+        ("sky1{frame}.exr", "5..5"),
+        ("sky{frame}5.exr", "1000..1001"),
+    ] {
+        let arguments = format!("render --device {} --frames {frames} --environment", device());
+        run(&arguments, &[&panorama, &FACE, &"-o", &path(output)])
+            .assert_refused(2, &["sky10005.exr", "would be overwritten"]);
+    }
+    // A model among the views of a turntable.
+    let model = path("view0002.exr");
+    run("render --turntable 3 -o", &[&path("view{frame}.exr"), &model]).assert_refused(2, &["view0002.exr"]);
+    assert_eq!(fs::read(&panorama).unwrap(), b"kept");
+}
+
 /// The number of a frame cannot be put into a name that is not UTF-8: all frames would go to one file.
 #[cfg(unix)]
 #[test]

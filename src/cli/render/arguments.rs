@@ -142,10 +142,16 @@ impl Arguments {
     /// Checks that no output overwrites another output or an input. `referred` are the files that the scene's file
     /// refers to.
     pub fn check_names(&self, referred: &[PathBuf]) -> Result<()> {
-        let Files { outputs, stats } = self.files(self.sequence.first());
         let others = self.scene.other_files();
         let inputs = [&self.scene.scene].into_iter().chain(&others).chain(&self.reference).chain(referred);
-        film::check_names(inputs, outputs.iter().chain(&stats).chain(&self.checkpoint))
+        let inputs: Vec<&PathBuf> = inputs.collect();
+        let frames = self.sequence.first_and_named(&inputs);
+        let files: Vec<Files> = match frames.is_empty() {
+            true => vec![self.files(None)],
+            false => frames.into_iter().map(|frame| self.files(Some(frame))).collect(),
+        };
+        let outputs = files.iter().flat_map(|files| files.outputs.iter().chain(&files.stats));
+        film::check_names(inputs, outputs.chain(&self.checkpoint))
     }
 
     /// The checkpoint that the render continues from, if there is one.
