@@ -23,6 +23,7 @@ use super::material::{LOBE_EXTENSIONS, Material, Materials};
 use super::mesh::Mesh;
 use super::node::Node;
 use super::notes::Notes;
+use super::panorama::Panorama;
 use super::repeats::Repeats;
 use super::skin::Skin;
 use super::texture::TextureImage;
@@ -117,7 +118,8 @@ impl Scene {
         immersion::immerse(&mut geometry, &mut scene.materials, &mut notes);
         geometry.procedural_corners = procedurals.iter().flat_map(|placed| placed.corners).collect();
         geometry.find_emitters(&scene);
-        let has_light = geometry.emits() || document.has_punctual_light() || panorama.is_some();
+        let is_bright = |panorama: &Panorama| panorama.brightest() > 0.0;
+        let has_light = geometry.emits() || document.has_punctual_light() || panorama.as_ref().is_some_and(is_bright);
         let default_light = options.default_light && !has_light;
         if default_light && geometry.add_default_light(document.nodes.len(), &mut scene.materials) {
             notes.push("no light in the file: a soft one is added above and in front of the scene");
@@ -267,8 +269,11 @@ impl<'r, 'a> Document<'r, 'a> {
         Ok(())
     }
 
+    /// Whether a punctual light emits light.
     fn has_punctual_light(&self) -> bool {
-        self.references.iter().any(|of_node| of_node.light.is_some_and(|light| self.lights[light].is_some()))
+        self.nodes.iter().zip(&self.references).any(|(node, of_node)| {
+            of_node.light.and_then(|light| self.lights[light].as_ref()).is_some_and(|light| light.emits(&node.world))
+        })
     }
 
     /// Adds lights and cameras to the scene in the order of their nodes.

@@ -158,7 +158,17 @@ fn punctual(index: usize, json: &Json, notes: &mut Notes) -> Result<Option<Punct
     Ok(Some(Punctual { name: json.name()?, kind, strength, range }))
 }
 
+/// The direction of light that a node has.
+fn direction(world: &DAffine3) -> Option<DVec3> {
+    (-world.matrix3.z_axis).try_normalize()
+}
+
 impl Punctual {
+    /// Whether a node that places it has light: it may be off, or have no direction there.
+    pub fn emits(&self, world: &DAffine3) -> bool {
+        self.strength != DVec3::ZERO && (matches!(self.kind, Kind::Point) || direction(world).is_some())
+    }
+
     /// The light as `node` places it. `None`, and a note, if it emits nothing or has no direction.
     pub fn place(
         &self,
@@ -183,7 +193,7 @@ impl Punctual {
             notes.push(format!("light `{name}` emits nothing and is left out"));
             return Ok(None);
         }
-        let direction = (-world.matrix3.z_axis).try_normalize().map(|d| d.as_vec3());
+        let direction = direction(world).map(|d| d.as_vec3());
         let range = (self.range * scale) as f32;
         let kind = match (&self.kind, direction) {
             (Kind::Point, _) => LightKind::Point { position, intensity: strength, range },

@@ -81,6 +81,10 @@ fn a_cube_map_becomes_a_panorama() {
     // No default light comes to it.
     let options = ImportOptions { default_light: true, ..ImportOptions::default() };
     assert_eq!(file.load_with(&options).unwrap().lights.len(), 1);
+    // Unless its own is off.
+    let mut dark = file.clone();
+    dark.json["extensions"]["EXT_lights_image_based"]["lights"][0]["intensity"] = json!(0);
+    assert_eq!(dark.load_with(&options).unwrap().placed_lights().len(), 1);
     // A quarter turn about +Y, counter-clockwise seen from above as of a node, and one about +X.
     let half = std::f64::consts::FRAC_1_SQRT_2;
     for rotation in [[0.0, half, 0.0, half], [half, 0.0, 0.0, half]] {

@@ -68,6 +68,24 @@ fn lights_without_emission_or_direction_are_left_out() {
     }
 }
 
+/// A light that is off gives no light: the default light is added beside it.
+#[test]
+fn lights_that_are_off_do_not_replace_the_default_light() {
+    let lit = ImportOptions { default_light: true, ..Default::default() };
+    for (json, node) in [
+        (json!({ "type": "point", "intensity": 0 }), json!({})),
+        (json!({ "type": "point", "color": [0, 0, 0] }), json!({})),
+        (json!({ "type": "directional" }), json!({ "scale": [1, 1, 0] })),
+    ] {
+        let scene = with_light(json, node).load_with(&lit).unwrap();
+        assert_eq!(scene.lights.iter().map(|light| light.name.as_str()).collect::<Vec<_>>(), ["default light"]);
+        assert!(scene.notes.iter().any(|note| note.contains("a soft one is added")), "{:?}", scene.notes);
+    }
+    // A point light needs no direction.
+    let scene = with_light(json!({ "type": "point" }), json!({ "scale": [0, 0, 0], "name": "bulb" })).load_with(&lit);
+    assert_eq!(scene.unwrap().lights.iter().map(|light| light.name.as_str()).collect::<Vec<_>>(), ["bulb"]);
+}
+
 /// The emitters of light `index`.
 fn emitters(scene: &Scene, index: usize) -> &[EmitterTriangle] {
     match &scene.lights[index].kind {
