@@ -21,15 +21,15 @@ pub struct Goal {
 }
 
 impl Goal {
-    /// Time left at the speed since `started`; `None` if only the noise ends the render.
-    fn time_left(&self, samples: u32, started: Instant, now: Instant) -> Option<Duration> {
+    /// Time left after `samples` in all, at the speed of the last `made` of them, which took so long; `None` if only
+    /// the noise ends the render.
+    fn time_left(&self, samples: u32, made: u32, so_far: Duration, now: Instant) -> Option<Duration> {
         if self.deadline.is_none() && self.spp == Settings::UNLIMITED_SPP {
             return None;
         }
-        let so_far = (now - started).as_secs_f64();
-        let samples_left = f64::from(self.spp.saturating_sub(samples)) / f64::from(samples.max(1));
+        let samples_left = f64::from(self.spp.saturating_sub(samples)) / f64::from(made.max(1));
         // A century: longer times would overflow a Duration.
-        let by_samples = Duration::from_secs_f64((so_far * samples_left).min(3.2e9));
+        let by_samples = Duration::from_secs_f64((so_far.as_secs_f64() * samples_left).min(3.2e9));
         let left = |deadline: Instant| by_samples.min(deadline.saturating_duration_since(now));
         Some(self.deadline.map_or(by_samples, left))
     }
@@ -40,6 +40,8 @@ pub struct Display {
     target: Target,
     goal: Goal,
     started: Instant,
+    /// Samples per pixel at the start: those of an earlier process or of a device that was lost.
+    earlier: u32,
     /// End of the last batch, and the number of rays until then.
     last: (Instant, u64),
 }
@@ -113,19 +115,27 @@ pub fn show_compilation(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
 }
 
 impl Display {
-    pub fn new(goal: Goal, quiet: bool) -> Self {
+    /// `progress` is what there is at the start.
+    pub fn new(goal: Goal, progress: &Progress, quiet: bool) -> Self {
         let target = Target::new(quiet);
         let started = Instant::now();
-        Display { target, goal, started, last: (started, 0) }
+        Display { target, goal, started, earlier: progress.samples, last: (started, progress.rays) }
+    }
+
+    /// The time left and the millions of rays a second, after a batch that ends now.
+    fn end_batch(&mut self, progress: &Progress, now: Instant) -> (Option<Duration>, f64) {
+        let made = progress.samples.saturating_sub(self.earlier);
+        let left = self.goal.time_left(progress.samples, made, now - self.started, now);
+        let speed = mega(progress.rays.saturating_sub(self.last.1), (now - self.last.0).as_secs_f64());
+        self.last = (now, progress.rays);
+        (left, speed)
     }
 
     /// Shows the progress after a batch.
     pub fn update(&mut self, progress: &Progress) {
         let now = Instant::now();
-        let left = self.goal.time_left(progress.samples, self.started, now);
+        let (left, speed) = self.end_batch(progress, now);
         let elapsed = now - self.started;
-        let speed = mega(progress.rays.saturating_sub(self.last.1), (now - self.last.0).as_secs_f64());
-        self.last = (now, progress.rays);
         let message = || {
             format!(
                 "{} spp, {}{speed:.1} Mrays/s",
@@ -154,5 +164,25 @@ pub fn duration<T: fmt::Display>(seconds: f64, short: impl Fn(f64) -> T) -> Stri
         (0, 0, _) => format!("{} s", short(seconds)),
         (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
         (hours, minutes, _) => format!("{hours} h {minutes} min"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 40 of 100 samples and a million rays are from before an interruption; since then a sample takes a second and
+    /// half a million rays.
+    #[test]
+    fn speed_is_that_since_the_start() {
+        let progress = |samples: u32, rays: u64| Progress { samples, rays, boundary_share: 0.0 };
+        let mut display = Display::new(Goal { spp: 100, deadline: None }, &progress(40, 1_000_000), true);
+        let started = display.started;
+        let mut after = |seconds: u32| {
+            let state = progress(40 + seconds, 1_000_000 + 500_000 * u64::from(seconds));
+            display.end_batch(&state, started + Duration::from_secs(seconds.into()))
+        };
+        assert_eq!(after(10), (Some(Duration::from_secs(50)), 0.5));
+        assert_eq!(after(30), (Some(Duration::from_secs(30)), 0.5));
     }
 }

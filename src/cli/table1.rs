@@ -56,7 +56,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
             scene.render(&gpu, &settings, |progress| {
                 // Created by the first batch, so that its clock does not count compile time.
                 let goal = Goal { spp: settings.image.spp, deadline: None };
-                display.get_or_insert_with(|| Display::new(goal, arguments.quiet)).update(progress);
+                display.get_or_insert_with(|| Display::new(goal, progress, arguments.quiet)).update(progress);
             })
         };
         let [path, all, some, none] = TECHNIQUES;

@@ -136,7 +136,8 @@ impl Renderer<'_> {
         NextSamples { first_sample, layers, share, blocks }
     }
 
-    fn progress(&self) -> Progress {
+    /// The progress so far, with what a checkpoint had.
+    pub fn progress(&self) -> Progress {
         let points = self.totals.points();
         Progress {
             samples: self.sampling.samples,

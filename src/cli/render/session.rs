@@ -172,7 +172,7 @@ impl<'a> Session<'a> {
     fn add_samples(&mut self, renderer: &mut Renderer<'_>) -> Result<Option<Error>> {
         let arguments = self.arguments;
         let deadline = self.times.deadline();
-        let mut display = Display::new(Goal { spp: self.spp, deadline }, arguments.quiet);
+        let mut display = Display::new(Goal { spp: self.spp, deadline }, &renderer.progress(), arguments.quiet);
         let mut written = Instant::now();
         loop {
             match unless_lost(renderer.wants_samples(self.denoiser))? {
