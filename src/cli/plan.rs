@@ -172,7 +172,7 @@ impl Plan {
             return;
         }
         let width = self.predictions.iter().map(|p| p.technique.name().len()).max().unwrap_or(0);
-        let spp = self.settings.image.spp;
+        let spp = self.settings.image.range().count();
         let all = format!("{spp} spp");
         let _ = writeln!(
             text,

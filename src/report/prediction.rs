@@ -71,12 +71,14 @@ pub fn predict(subject: &Subject<'_>, technique: Technique) -> Result<Option<Pre
     let crop = subject.settings.image.crop_window();
     let pixels = f64::from(crop.width) * f64::from(crop.height);
     let [small, large] = PIXELS.map(|limit| of_pixels(&settings, limit.min(pixels)));
-    let measured = [measure(subject, &small)?, measure(subject, &large)?];
+    // A piece has only some of the samples.
+    let spp = subject.settings.image.range().count();
+    let measured = [measure(subject, &small, spp)?, measure(subject, &large, spp)?];
     let of = |seconds: fn(&Measured) -> f64| extrapolated(measured.each_ref().map(|m| (m.pixels, seconds(m))), pixels);
     let (first_sample, sample) = (of(|m| m.first_sample), of(|m| m.sample));
-    let further = settings.image.spp.saturating_sub(SET_UP);
+    let further = spp.saturating_sub(SET_UP);
     let all = of(|m| m.set_up) + f64::from(further) * sample;
-    let noise = measured[1].noise.map(|noise| noise / f64::from(settings.image.spp));
+    let noise = measured[1].noise.map(|noise| noise / f64::from(spp));
     Ok(Some(Prediction { technique, first_sample, sample, all, noise }))
 }
 
@@ -88,8 +90,8 @@ fn of_pixels(settings: &Settings, pixels: f64) -> Settings {
     settings.clone().with(|s| (s.image.width, s.image.height) = (side(width), side(height)))
 }
 
-/// Renders a few samples of an image.
-fn measure(subject: &Subject<'_>, settings: &Settings) -> Result<Measured> {
+/// Renders a few samples of an image, at most `spp`.
+fn measure(subject: &Subject<'_>, settings: &Settings, spp: u32) -> Result<Measured> {
     let mut renderer = subject.renderer(settings)?;
     let seconds_after = |renderer: &mut Renderer<'_>, samples: u32| -> Result<f64> {
         while renderer.samples() < samples {
@@ -98,7 +100,7 @@ fn measure(subject: &Subject<'_>, settings: &Settings) -> Result<Measured> {
         let time = renderer.statistics()?.time;
         Ok(time.bvh + time.render)
     };
-    let [set_up_samples, samples] = [SET_UP, SAMPLES].map(|samples| samples.min(settings.image.spp));
+    let [set_up_samples, samples] = [SET_UP, SAMPLES].map(|samples| samples.min(spp));
     let first_sample = seconds_after(&mut renderer, 1)?;
     let set_up = seconds_after(&mut renderer, set_up_samples)?;
     let all = seconds_after(&mut renderer, samples)?;

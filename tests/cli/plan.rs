@@ -172,6 +172,12 @@ fn the_plan_predicts_what_techniques_cost() {
     assert!((few_noise[0] / noise[0] - 4.0).abs() < 1e-6, "{} and {}", few_noise[0], noise[0]);
     // Paths find the light of the walls one by one.
     assert!(noise[0] > 2.0 * noise[1] && noise[1] > 0.0, "{noise:?}");
+    // A piece costs what its own samples cost.
+    let piece = plan("--predict --spp 96 --samples 8..32");
+    assert_eq!(of(&piece, "noise")[0], few_noise[0]);
+    for (all, sample) in of(&piece, "all").into_iter().zip(of(&piece, "sample")) {
+        assert!(all < 96.0 * sample, "{piece}");
+    }
     let every_light = plan("--predict --spp 4 --light-sampling all");
     assert_eq!(of(&every_light, "all").len(), 2, "a path samples one light at a vertex: {every_light}");
     run("plan --predict --device none-such", &[&BOX]).assert_refused(4, &["none-such"]);
@@ -180,6 +186,8 @@ fn the_plan_predicts_what_techniques_cost() {
     let text = run("plan --predict --width 8 --height 8 --spp 1 --device software", &[&BOX]);
     let (_, predicted) = text.assert_done().stdout.split_once("\npredicted\n").unwrap();
     assert_eq!(predicted.matches("unknown").count(), 3, "{predicted}");
+    let arguments = "plan --predict --width 8 --height 8 --spp 16 --samples 8..16 --device software";
+    assert!(run(arguments, &[&BOX]).assert_done().stdout.contains(" 8 spp "));
 }
 
 /// The aspect ratio of the image is that of the camera: the first of the file, or the one selected by name or index.
