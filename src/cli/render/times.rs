@@ -14,8 +14,23 @@ pub struct Times {
 }
 
 impl Times {
-    /// When the last sample is due, if the time is limited.
+    /// When the last sample is due, if the time is limited: one beyond the system's clock is not.
     pub fn deadline(&self) -> Option<Instant> {
-        self.sampling.map(|time| self.started + time)
+        self.started.checked_add(self.sampling?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_beyond_the_clock_is_no_limit() {
+        let started = Instant::now();
+        let of = |sampling| Times { started, import: 0.0, start: 0.0, sampling }.deadline();
+        assert_eq!(of(Some(Duration::from_secs_f64(1e19))), None);
+        let hour = Duration::from_secs(3600);
+        assert_eq!(of(Some(hour)), Some(started + hour));
+        assert_eq!(of(None), None);
     }
 }
