@@ -2,6 +2,7 @@
 
 use super::json::Json;
 use super::notes::Notes;
+use crate::input::printable;
 use crate::{Error, Result};
 
 const EXTENSION: &str = "KHR_materials_variants";
@@ -22,7 +23,7 @@ impl Variants {
         let mut names = Vec::new();
         if let Some(extension) = root.extension(EXTENSION)? {
             for variant in extension.require("variants")?.items()? {
-                names.push(variant.require("name")?.string()?.to_owned());
+                names.push(printable(variant.require("name")?.string()?));
             }
         }
         let listed = if names.is_empty() { "none".into() } else { names.join(", ") };

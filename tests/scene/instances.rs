@@ -205,6 +205,11 @@ fn variants() {
     let error = load(&file, Some("pink")).unwrap_err();
     assert_eq!(error.exit_code(), 2);
     assert!(error.to_string().contains("'pink'") && error.to_string().contains(note), "{error}");
+    // Names reach the terminal.
+    let mut escaping = file.clone();
+    escaping.json["extensions"]["KHR_materials_variants"]["variants"][1]["name"] = json!("\u{1b}[2Jblue\n");
+    let error = load(&escaping, Some("pink")).unwrap_err().to_string();
+    assert!(error.contains("\u{fffd}[2Jblue\u{fffd}") && !error.contains(char::is_control), "{error:?}");
     let error = load(&File::triangle(), Some("pink")).unwrap_err();
     assert!(error.to_string().contains("available: none"), "{error}");
 
