@@ -11,29 +11,24 @@ const MAX_NOTES: usize = 100;
 #[derive(Default)]
 pub(super) struct Notes {
     lines: Vec<String>,
+    /// All notes, those that are not shown too.
     known: HashSet<String>,
-    dropped: usize,
 }
 
 impl Notes {
     /// Adds a note unless it is already in the list.
     pub fn push(&mut self, note: impl AsRef<str>) {
         let note = printable(note.as_ref());
-        if self.known.contains(&note) {
-            return;
+        if self.known.insert(note.clone()) && self.lines.len() < MAX_NOTES {
+            self.lines.push(note);
         }
-        if self.lines.len() == MAX_NOTES {
-            self.dropped += 1;
-            return;
-        }
-        self.known.insert(note.clone());
-        self.lines.push(note);
     }
 
     /// The notes in the order of their addition.
     pub fn into_lines(mut self) -> Vec<String> {
-        if self.dropped > 0 {
-            self.lines.push(format!("{} more notes on the file are not shown", self.dropped));
+        let dropped = self.known.len() - self.lines.len();
+        if dropped > 0 {
+            self.lines.push(format!("{dropped} more notes on the file are not shown"));
         }
         self.lines
     }

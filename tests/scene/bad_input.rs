@@ -334,6 +334,18 @@ fn textures_without_coordinates() {
     assert!(scene.notes.iter().any(|note| note.contains("1 primitive lacks coordinates")), "{:?}", scene.notes);
 }
 
+/// A hundred notes are shown, and the others are counted: each once, however often it is repeated.
+#[test]
+fn more_than_a_hundred_notes_are_counted() {
+    let mut file = File::triangle();
+    let names: Vec<String> = (0..110).map(|i| format!("ACME_{i}")).collect();
+    file.json["extensionsUsed"] = json!([names.clone(), names.clone(), names].concat());
+    let notes = file.load().notes;
+    assert_eq!(notes.len(), 101);
+    // Those on ten extensions, on the camera and on the light.
+    assert_eq!(notes[100], "12 more notes on the file are not shown");
+}
+
 #[test]
 fn later_versions_are_noted() {
     let mut file = File::triangle();
