@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     }
     let image = Image::read(&arguments.image)?;
     let reference = Image::read(&arguments.reference)?;
-    let measures = Measures::new(&image, &reference).map_err(|error| arguments.name_files(error))?;
+    let measures = measures((&image, &arguments.image), (&reference, &arguments.reference))?;
     if arguments.json {
         print_json(&measures)?;
     } else {
@@ -65,15 +65,14 @@ pub fn text(measures: &Measures) -> String {
     lines.map(|(name, value)| format!("{name:<8}{value:.4e}\n")).concat()
 }
 
-impl Arguments {
-    /// Adds the paths to errors of the metrics, which do not have them.
-    fn name_files(&self, error: Error) -> Error {
-        match error {
-            Error::Input { file, location, problem } => {
-                let path = if file.as_os_str() == "reference" { &self.reference } else { &self.image };
-                Error::Input { file: path.clone(), location, problem }
-            }
-            other => other,
+/// The measures of an image against a reference, each with its path. Errors of the metrics have no paths: they get
+/// these.
+pub fn measures((image, path): (&Image, &Path), (reference, of_reference): (&Image, &Path)) -> Result<Measures> {
+    Measures::new(image, reference).map_err(|error| match error {
+        Error::Input { file, location, problem } => {
+            let path = if file.as_os_str() == "reference" { of_reference } else { path };
+            Error::Input { file: path.to_owned(), location, problem }
         }
-    }
+        other => other,
+    })
 }

@@ -435,6 +435,16 @@ fn noise_ends_a_render_and_a_reference_is_compared_with() {
     assert!(answer.assert_done().stderr.contains("a noise of 1e-6 was not reached everywhere: 6 of 6 blocks"));
 }
 
+/// An image that cannot be compared is named.
+#[test]
+fn an_image_of_another_part_than_its_reference_is_named() {
+    let folder = folder();
+    let [reference, image] = ["reference.exr", "a.exr"].map(|name| folder.path().join(name));
+    render("--spp 2 --crop 0,0,8,8", &[&reference]).assert_done();
+    let answer = render(&format!("--spp 2 --crop 8,8,8,8 --quiet --reference {}", reference.display()), &[&image]);
+    answer.assert_refused(3, &[image.to_str().unwrap(), "another part of the image"]);
+}
+
 #[cfg(unix)]
 mod stopped {
     use std::io::{BufRead, BufReader, Read};

@@ -11,7 +11,6 @@ mod times;
 
 use std::time::Instant;
 
-use penumbra::internal::report::metrics::Measures;
 use penumbra::internal::report::reference::Reference;
 use penumbra::{Error, Image, Result};
 
@@ -53,17 +52,21 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         session.render_sequence(&mut gpu, subject, panorama.as_ref())?;
     } else {
         let image = session.render_subject(&mut gpu, &subject, checkpoint)?;
-        print_error(&image, reference.as_ref())?;
+        print_error(arguments, &image, reference.as_ref())?;
     }
     end(session.stopped, denoiser_error)
 }
 
 /// Prints the error of an image against its reference, if there is one.
-fn print_error(image: &Image, reference: Option<&Reference>) -> Result<()> {
-    let Some(reference) = reference else { return Ok(()) };
-    print(&compare::text(&Measures::new(image, &reference.image)?))?;
+fn print_error(arguments: &Arguments, image: &Image, reference: Option<&Reference>) -> Result<()> {
+    let Some((reference, path)) = reference.zip(arguments.reference.as_deref()) else { return Ok(()) };
+    let text = |image: &Image| {
+        let measures = compare::measures((image, &arguments.output[0]), (&reference.image, path))?;
+        Ok::<_, Error>(compare::text(&measures))
+    };
+    print(&text(image)?)?;
     if let Some(denoised) = image.denoised() {
-        print(&format!("denoised\n{}", compare::text(&Measures::new(&denoised, &reference.image)?)))?;
+        print(&format!("denoised\n{}", text(&denoised)?))?;
     }
     Ok(())
 }
