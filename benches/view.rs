@@ -40,7 +40,7 @@ impl Source for Files {
         (Denoiser::new(Denoise::Auto, library.as_deref()).unwrap(), None)
     }
 
-    fn command(&self, _: &Picture) -> String {
+    fn command(&self, _: &Picture, _: &[String]) -> String {
         String::new()
     }
 
