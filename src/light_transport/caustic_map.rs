@@ -49,8 +49,8 @@ pub(crate) struct CausticMap {
 }
 
 impl CausticMap {
-    /// Number of the map for a batch of samples from `first_sample` on. The first batches of 1, 1, 2 and 4 samples share
-    /// a map, so that each map has as many samples as the others.
+    /// Number of the map for a batch of samples from `first_sample` on. The first batches of 1, 1, 2 and 4 samples
+    /// share a map, so that each map has as many samples as the others.
     pub fn number_at(first_sample: u32) -> u32 {
         first_sample / TILE_SAMPLES
     }
