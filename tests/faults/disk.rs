@@ -105,9 +105,13 @@ fn an_image_that_does_not_fit_is_saved_elsewhere() {
     };
     answer.assert_refused(3, &["a.exr", "No space left", kept.to_str().unwrap()]);
     assert_eq!(fs::read_to_string(kept.join("list")).unwrap(), "b.png\nrest\n");
-    let rescued: Vec<_> = names(&kept).into_iter().filter(|name| name.ends_with(".exr")).collect();
-    let image = Image::read(kept.join(&rescued[0])).unwrap();
-    assert_eq!((image.width, image.height, rescued.len()), (24, 16, 1));
+    // In a folder of its own.
+    let folders: Vec<_> = names(&kept).into_iter().filter(|name| name != "list").collect();
+    assert_eq!(folders.len(), 1, "{folders:?}");
+    let rescued = kept.join(&folders[0]);
+    assert_eq!(names(&rescued), ["rescued.exr"]);
+    let image = Image::read(rescued.join("rescued.exr")).unwrap();
+    assert_eq!((image.width, image.height), (24, 16));
 }
 
 /// An output folder that vanishes during the render is created again. If a file has taken its place, the image is saved
