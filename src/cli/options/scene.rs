@@ -348,7 +348,8 @@ impl SceneOptions {
         }
         if let Some(f_number) = self.aperture {
             let iris = Iris { f_number, blades: self.iris_blades };
-            let refused = |problem| Error::Usage(format!("--aperture: {problem}"));
+            let options = if matches!(self.focus, Focus::Distance(_)) { "--aperture, --focus" } else { "--aperture" };
+            let refused = |problem| Error::Usage(format!("{options}: {problem}"));
             scene.open_iris(&mut camera, iris, self.focus).map_err(refused)?;
         }
         Ok(camera)
