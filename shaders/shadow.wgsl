@@ -7,6 +7,7 @@ import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{largest_of_packet, no_ray, trace_occluded_together};
+@if(packets) import package::lib::packet::bits_of_packet;
 import package::lib::math::{oct_decode16, oct_encode7, invalid_sample, remainder};
 @if(packets) import package::lib::constants::PACKET_LANES;
 @if(packets) import package::lib::math::quotient;
@@ -134,10 +135,7 @@ fn own_bits(bit: bool, step: u32, rays: u32, lane: u32) -> u32 {
     @if(!packets) { return u32(bit) << step; }
     @if(packets) {
         let own = lane % PACKET_LANES;
-        var bits = u32(bit) << own;
-        bits |= subgroupShuffle(bits, own ^ 4u);
-        bits |= subgroupShuffle(bits, own ^ 2u);
-        bits |= subgroupShuffle(bits, own ^ 1u);
+        let bits = bits_of_packet(u32(bit) << own, lane);
         // The step's first ray, counted from the candidate's own first one.
         let first = i32(PACKET_LANES * step) - i32(own * rays);
         if first <= -i32(PACKET_LANES) || first >= i32(rays) { return 0u; }

@@ -24,6 +24,11 @@ fn material_at(index: u32) -> u32 {
     return index * MATERIAL_TEXELS;
 }
 
+// Index of the first texel of a triangle's material.
+fn material_of(triangle: u32) -> u32 {
+    return material_at(material_index(surface_texel_of(triangle).w));
+}
+
 // Flags, and above them a bit for each texture that the material has.
 fn material_flags(material: u32) -> u32 {
     return load_material_texel(material + TEXTURES_TEXEL).x;
@@ -45,7 +50,7 @@ struct Alpha {
 
 @if(alpha_test)
 fn alpha_at(triangle: u32, u: f32, v: f32) -> Alpha {
-    let material = material_at(material_index(surface_texel_of(triangle).w));
+    let material = material_of(triangle);
     var alpha = bitcast<f32>(load_material_texel(material + BASE_COLOUR_TEXEL).w);
     @if(textures) {
         let info = texture_info(material, BASE_COLOUR_TEXTURE);
@@ -58,7 +63,7 @@ fn alpha_at(triangle: u32, u: f32, v: f32) -> Alpha {
 
 // Radiance that a point of a triangle emits on its front (and on its back if the material is double-sided).
 fn emission_at(triangle: u32, u: f32, v: f32) -> vec3f {
-    let material = material_at(material_index(surface_texel_of(triangle).w));
+    let material = material_of(triangle);
     var emission = bitcast<vec3f>(load_material_texel(material + EMISSION_TEXEL).xyz);
     @if(textures) {
         let info = texture_info(material, EMISSION_TEXTURE);

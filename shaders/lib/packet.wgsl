@@ -64,17 +64,21 @@ fn trace_occluded_together(ray: Ray, sample: RaySample, lane: u32) -> bool {
     }
 }
 
+// The bits that are set in any lane of the packet.
+@if(packets)
+fn bits_of_packet(bits: u32, lane: u32) -> u32 {
+    let own = lane % PACKET_LANES;
+    var all = bits;
+    all |= subgroupShuffle(all, own ^ 4u);
+    all |= subgroupShuffle(all, own ^ 2u);
+    all |= subgroupShuffle(all, own ^ 1u);
+    return all;
+}
+
 // Whether the condition holds in any lane of the packet; where each ray is traced alone, in this lane.
 fn in_any_lane(condition: bool, lane: u32) -> bool {
     @if(!packets) { return condition; }
-    @if(packets) {
-        let own = lane % PACKET_LANES;
-        var any_lane = select(0u, 1u, condition);
-        any_lane |= subgroupShuffle(any_lane, own ^ 4u);
-        any_lane |= subgroupShuffle(any_lane, own ^ 2u);
-        any_lane |= subgroupShuffle(any_lane, own ^ 1u);
-        return subgroupBroadcast(any_lane, 0u) != 0u;
-    }
+    @if(packets) { return subgroupBroadcast(bits_of_packet(select(0u, 1u, condition), lane), 0u) != 0u; }
 }
 
 // The largest of the packet's values; where each ray is traced alone, the lane's own.

@@ -1,7 +1,6 @@
 // Mesh lights: the triangles of one node and one emissive material.
 
 @if(emissive_alpha) import package::lib::alpha::alpha_coverage;
-@if(emissive_volumes) import package::lib::attributes::{material_index, surface_texel_of};
 @if(emissive_volumes) import package::lib::bsdf::transmission::volume_transmittance;
 @if(emissive_volumes) import package::lib::bvh::triangle_corners;
 import package::lib::constants::{
@@ -20,7 +19,7 @@ import package::lib::light::table::{
 };
 @if(emissive_volumes) import package::lib::light::table::NO_EMITTER;
 @if(emissive_textures) import package::lib::material::emission_at;
-@if(emissive_volumes) import package::lib::material::material_at;
+@if(emissive_volumes) import package::lib::material::material_of;
 import package::lib::math::{PI, oct_decode16};
 import package::lib::rng::BELOW_ONE;
 import package::lib::sampling::{SphericalTriangle, sample_spherical_triangle, sample_triangle};
@@ -49,7 +48,7 @@ fn mesh_point(light: u32, header: vec4u, triangle: EmitterTriangle, uv: vec2f) -
 // Transmittance of the volume behind an emitter triangle over a distance.
 @if(emissive_volumes)
 fn transmittance_behind(triangle: u32, distance: f32) -> vec3f {
-    return volume_transmittance(material_at(material_index(surface_texel_of(triangle).w)), distance);
+    return volume_transmittance(material_of(triangle), distance);
 }
 
 // Whether a ray that a mesh light emits begins in the volume behind its triangle.
