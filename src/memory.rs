@@ -16,7 +16,11 @@ pub fn available_with_swap() -> Option<u64> {
 }
 
 fn available_below(root: &Path) -> Option<u64> {
-    let left = groups(root).iter().filter_map(Group::memory_left).min();
+    available_in(root, &groups(root))
+}
+
+fn available_in(root: &Path, groups: &[Group]) -> Option<u64> {
+    let left = groups.iter().filter_map(Group::memory_left).min();
     Some(kilobytes(root, "MemAvailable:")?.min(left.unwrap_or(u64::MAX)))
 }
 
@@ -25,7 +29,7 @@ fn available_with_swap_below(root: &Path) -> Option<u64> {
     let swap = groups.iter().filter_map(Group::swap_left).min().unwrap_or(u64::MAX);
     let swap = swap.min(kilobytes(root, "SwapFree:").unwrap_or(0));
     let both = groups.iter().filter_map(Group::memory_and_swap_left).min().unwrap_or(u64::MAX);
-    Some(available_below(root)?.saturating_add(swap).min(both))
+    Some(available_in(root, &groups)?.saturating_add(swap).min(both))
 }
 
 /// The bytes in a line of `/proc/meminfo`.

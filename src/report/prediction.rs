@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::metrics::RELMSE_FLOOR;
+use super::metrics::{RELMSE_FLOOR, mean_with_variance};
 use super::run::Subject;
 use crate::settings::{Aov, Denoise, Sampling, Settings};
 use crate::{Image, Renderer, Result, Technique};
@@ -114,20 +114,17 @@ fn measure(subject: &Subject<'_>, settings: &Settings, spp: u32) -> Result<Measu
         first_sample,
         set_up,
         sample,
-        noise: if samples > 1 { Some(noise(&renderer.image()?) * f64::from(samples)) } else { None },
+        noise: if samples > 1 { Some(noise(&renderer.image()?)? * f64::from(samples)) } else { None },
     })
 }
 
 /// relMSE by the image's own channel `variance`. [`Renderer::estimated_relmse`] compares halves of the samples, which
 /// only renders with a denoiser or a limit of noise keep.
-fn noise(image: &Image) -> f64 {
-    let squares = ["R", "G", "B"].map(|channel| {
-        let pair = [image.channel(channel), image.channel(&format!("variance.{channel}"))];
-        let [Some(values), Some(variances)] = pair else { return 0.0 };
-        let of = |(value, variance): (&f32, &f32)| f64::from(*variance) / (f64::from(*value).powi(2) + RELMSE_FLOOR);
-        values.iter().zip(variances).map(of).filter(|square| square.is_finite()).sum::<f64>()
-    });
-    squares.iter().sum::<f64>() / (3 * image.pixels()) as f64
+fn noise(image: &Image) -> Result<f64> {
+    mean_with_variance(image, |value, variance| {
+        let square = variance / (value * value + RELMSE_FLOOR);
+        if square.is_finite() { square } else { 0.0 }
+    })
 }
 
 /// The value at `pixels` on the line through two points. If noise in the times makes the line fall with the pixels, or

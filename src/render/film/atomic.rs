@@ -67,7 +67,8 @@ fn locate(path: &Path) -> io::Result<(PathBuf, PathBuf)> {
     Ok((target, folder))
 }
 
-/// The path with symbolic links resolved, also where the last of them leads to a file that does not exist yet.
+/// The path with symbolic links resolved. A link to a file that does not exist yet is followed, too, but no second one
+/// behind it.
 fn followed(path: &Path) -> PathBuf {
     fs::canonicalize(path).unwrap_or_else(|_| match fs::read_link(path) {
         Ok(next) => path.parent().unwrap_or(Path::new("")).join(next),
