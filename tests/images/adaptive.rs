@@ -27,6 +27,11 @@ fn shared_out(scene: &str, settings: &Settings, spp: u32) -> Image {
 
 /// Renders all samples that the settings request.
 fn complete(scene: &str, settings: &Settings, denoiser: &Denoiser) -> Image {
+    completed(scene, settings, denoiser).denoised_image(denoiser).unwrap()
+}
+
+/// A renderer with all samples that the settings request.
+fn completed(scene: &str, settings: &Settings, denoiser: &Denoiser) -> Renderer<'static> {
     let settings = settings.clone().with(|s| s.image.denoise = denoiser.choice());
     let scene = Scene::load(scene_file(scene), &ImportOptions::default()).unwrap();
     let camera = scene.cameras[0].clone();
@@ -34,7 +39,7 @@ fn complete(scene: &str, settings: &Settings, denoiser: &Denoiser) -> Image {
     while renderer.wants_samples(denoiser).unwrap() {
         renderer.render_batch().unwrap();
     }
-    renderer.denoised_image(denoiser).unwrap()
+    renderer
 }
 
 /// Techniques that decide points and never audit them state the error of their samples, which is that of `two-pass` or
@@ -43,21 +48,16 @@ fn complete(scene: &str, settings: &Settings, denoiser: &Denoiser) -> Image {
 fn techniques_without_audits_state_the_error_of_their_samples() {
     let estimate = |settings: &Settings| {
         let settings = settings.clone().with(|s| (s.image.spp, s.image.noise) = (16, Some(1e-9)));
-        let scene = Scene::load(scene_file("box.glb"), &ImportOptions::default()).unwrap();
-        let camera = scene.cameras[0].clone();
-        let mut renderer = Renderer::new(gpu(), scene, &camera, &settings).unwrap();
-        while renderer.wants_samples(&Denoiser::default()).unwrap() {
-            renderer.render_batch().unwrap();
-        }
+        let renderer = completed("box.glb", &settings, &Denoiser::default());
         let points = renderer.statistics().unwrap().points;
         (renderer.estimated_relmse().unwrap().unwrap(), points.lit + points.shadowed)
     };
-    let (of_all, _) = estimate(&settings(Technique::TWO_PASS, [24, 24], 0));
-    let unaudited = settings(Technique::SHADOW_PHOTONS, [24, 24], 0).with(|s| {
+    let of = |technique| settings(technique, [24, 24], 0);
+    let (of_all, _) = estimate(&of(Technique::TWO_PASS));
+    let unaudited = of(Technique::SHADOW_PHOTONS).with(|s| {
         s.visibility_map.audit = 0.0;
         s.visibility_map.photons_per_light = Some(1 << 14);
     });
-    let of = |technique| settings(technique, [24, 24], 0);
     for settings in [of(Technique::LIGHT_BUFFER), of(Technique::VOXEL_TAGS), unaudited] {
         let (estimate, decided) = estimate(&settings);
         println!("{}: {estimate}, two-pass {of_all}", settings.technique);
