@@ -29,7 +29,8 @@ pub(crate) fn read_file(path: &Path) -> std::result::Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// Maximum length in bytes of a text from a file that is repeated to the user.
+/// Maximum length in bytes of a text from a file that is repeated to the user: enough to recognise it, in a few lines
+/// of a terminal.
 const MAX_PRINTABLE: usize = 512;
 
 /// Text from a file, made safe for one line of a terminal: control characters are replaced, and the text is cut to

@@ -15,7 +15,8 @@ use super::node::{Node, WIDTH};
 /// Texels of a node, and lanes of the subgroups that trace packets.
 pub(crate) const PACKET_LANES: u32 = 2 * WIDTH as u32;
 
-/// Bits of an entry that hold the index of a node or a triangle; above them is a leaf's number of triangles.
+/// Bits of an entry that hold the index of a node or a triangle; above them is a leaf's number of triangles,
+/// at most four, which takes three bits.
 const ENTRY_INDEX_BITS: u32 = 29;
 
 /// The box of a missing child. Its planes are swapped: every ray that can be traced leaves it before it enters it.

@@ -4,7 +4,7 @@ use super::aabb::Aabb;
 use super::binary;
 use super::node::WIDTH;
 
-/// Maximum number of triangles in a leaf.
+/// Maximum number of triangles in a leaf: of the sizes that were measured on lavapipe, up to four were the fastest.
 pub(super) const MAX_LEAF: u32 = 4;
 
 /// Cost of a triangle test over the cost of a node visit. Both fetch three texels, and a node visit ends with a sort.

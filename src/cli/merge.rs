@@ -11,7 +11,7 @@ use super::options::{DeviceOptions, OidnOptions, denoisers, finite};
 use super::render::{both, is_exr};
 use super::{Ending, say};
 
-/// Parts that a message names; the others are counted.
+/// Parts that a message names; the others are counted, because a sequence may lack hundreds.
 const NAMED: usize = 8;
 
 #[derive(clap::Args)]

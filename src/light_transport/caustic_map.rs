@@ -25,7 +25,7 @@ const RAYS_PER_FLUX_RAY: u32 = 4;
 /// photons.) Where a cell has more than k / pi = 20 photons, 64 times the mean, discs are smaller.
 const PHOTONS_PER_CELL: f32 = 0.32;
 
-/// Maximum number of cells in that square.
+/// Maximum number of cells in that square. The grid then has at most twice as many in all, which take 28 MiB.
 const MAX_CELLS: u32 = 1 << 19;
 
 /// Share of a cube's photons that determines the next cube within it, and the factor by which that cube is wider than
@@ -39,6 +39,7 @@ const MARGIN: f32 = 1.5;
 const MIN_RATIO: f32 = 4.0;
 
 /// Maximum number of cubes within each other. With six, the narrowest is at most a 4,096th of all photons' width.
+/// Each has a grid of its own, and a dispatch over all points of a tile.
 const MAX_CUBES: usize = 6;
 
 /// The map of 8 samples, bound to a tile.

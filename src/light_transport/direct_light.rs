@@ -22,7 +22,8 @@ use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
 
-/// Maximum number of shadow-ray candidates (point and light) in a chunk of several lights.
+/// Maximum number of shadow-ray candidates (point and light) in a chunk of several lights: four lights of a full tile.
+/// Classes and queues then take 32 MiB.
 const CHUNK_CANDIDATES: u32 = 1 << 21;
 
 /// Maximum number of words of visibilities in a chunk: half of the smallest storage binding that devices offer.

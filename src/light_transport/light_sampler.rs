@@ -15,7 +15,8 @@ use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::kernels::{photons_of_zones, sorting_grid};
 use crate::statistics::totals::Totals;
 
-/// Number of rays of all lights together for zones.
+/// Number of rays of all lights together for zones. With a thousand lamps, the error by light sampling is 3.1e-3 with
+/// the 1,048 rays of each light, and 5.0e-3 with a quarter of them (docs/experiments.md, "Many lights").
 const ZONE_RAYS: u32 = 1 << 20;
 
 /// Maximum number of rays of a light, and of shadow photons of a ray. Their product must be below 2^16: a zone counts

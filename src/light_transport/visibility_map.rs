@@ -19,7 +19,8 @@ use crate::statistics::totals::Totals;
 /// They still count as wrong, and later audits find them again.
 const REPAIRS_PER_SORT: u32 = 1 << 16;
 
-/// Maximum number of photons that audits add to a map in total. The map keeps 4 MiB of room for them.
+/// Maximum number of photons that audits add to a map in total. The map keeps 4 MiB of room for them. Beyond it, audits
+/// still correct the image, but add no photons.
 const MAX_REPAIRS: u32 = 1 << 18;
 
 pub(crate) struct MapKernels {

@@ -104,7 +104,8 @@ impl Facet {
 /// The partner of each triangle: one that faces nearly the opposite way. Partners are mutual. A triangle for which none
 /// is left is its own partner.
 pub(super) fn partners(triangles: &[[Vec3; 3]]) -> Vec<u32> {
-    /// Buckets per unit of a normal's coordinates: about 15 degrees each.
+    /// Buckets per unit of a normal's coordinates: about 15 degrees each. With narrower ones, more triangles would have
+    /// no partner; with wider ones, both partners would face away from more positions.
     const STEPS: f32 = 4.0;
     let bucket = |n: Vec3| (n * STEPS).round().as_ivec3().to_array();
     let normals: Vec<Vec3> = triangles.iter().map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()).collect();
