@@ -24,7 +24,8 @@ struct DenoiseParameters {
 
 var<immediate> denoise: DenoiseParameters;
 
-// Weight of the neighbours' variance, in samples, next to the pixel's own.
+// Weight of the neighbours' variance, in samples, next to the pixel's own: a variance of a few samples is itself mostly
+// noise.
 const POOLED_SAMPLES = 4.0;
 // Radii of windows in pixels. The first filter needs no more than 7 x 7, the second gained nothing beyond 11 x 11. The
 // windows of `restrain`, `pool` and `combine` are 5 x 5, and written out. For `combine`, 3 x 3 leave fireflies, and
@@ -33,10 +34,11 @@ const FIRST_RADIUS = 3;
 const SECOND_RADIUS = 5;
 // Light is a firefly if its squared distance from the neighbours' mean is more than FAR_FROM_NEIGHBOURS times their
 // spread (three standard deviations), and less than WITHIN_OWN times its own variance (two). If one of n samples causes
-// the distance, the variance of their mean is about the squared distance.
+// the distance, the variance of their mean is about the squared distance. With four standard deviations, box.glb has
+// 1.03 times the error (docs/experiments.md, "What the filter does").
 const FAR_FROM_NEIGHBOURS = 9.0;
 const WITHIN_OWN = 4.0;
-// Minimum number of neighbours from which a spread is computed.
+// Minimum number of neighbours from which a spread is computed. The brightest of them is left out.
 const MIN_NEIGHBOURS = 5.0;
 // Neighbours of less weight hardly contribute to a spread, and do not count.
 const COUNTED_WEIGHT = 0.3;
@@ -58,7 +60,7 @@ const_assert SECOND_RADIUS <= DENOISE_BORDER;
 // Weights below exp(-3.91) = 0.02 and exp(-4.6) = 0.01 are set to 0, so that many small ones do not add up.
 const MAX_SURFACE_DIFFERENCE = 3.912023;
 const MAX_LIGHT_DIFFERENCE = 4.6051702;
-// Minimum albedo by which light is divided.
+// Minimum albedo by which light is divided, because black surfaces have highlights.
 const MIN_ALBEDO = 0.01;
 // Light and variance beyond these are ignored: their squares, and sums of squares, would overflow.
 const MAX_LIGHT = 1e12;
@@ -246,7 +248,8 @@ fn spacing_to(pixel: u32, at: vec2i, step: vec2i) -> f32 {
     return min(length(apart), NO_SPACING);
 }
 
-// The larger of the distances to the nearer neighbour in the row and in the column.
+// The larger of the distances to the nearer neighbour in the row and in the column; above 0, because planes are divided
+// by it.
 fn spacing_of(pixel: u32) -> f32 {
     let at = column_and_row(pixel);
     let row = min(spacing_to(pixel, at, vec2i(-1, 0)), spacing_to(pixel, at, vec2i(1, 0)));

@@ -149,8 +149,8 @@ fn arrange() {
     classify_arguments = array(size.x, size.y, size.z);
 }
 
-// Maximum number of photons of a cell that is classified: with MAX_VISITS well below the 65,535 iterations that
-// lavapipe grants an invocation. Other cells have no class.
+// Maximum number of photons of a cell that is classified; other cells have no class. Up to four loops over them take
+// the eighth of the iterations of lavapipe that MAX_VISITS in lib/cell_classification leaves.
 const MAX_OWN_PHOTONS = 2048u;
 const NO_CODE = 0xffffffffu;
 

@@ -230,7 +230,7 @@ fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32, is_active: bool
     return found;
 }
 
-// Light points that sample a light without a closed form.
+// Light points that sample a light without a closed form: as many as direct light samples by default.
 @if(negative_photons) const UNSHADOWED_SAMPLES = 4u;
 
 // The irradiance from a light without occlusion.

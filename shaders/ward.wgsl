@@ -62,7 +62,8 @@ var<immediate> ward_pass: WardParameters;
 // A key holds the upper bits of the potential, and below them the light. Positive floats sort as their bits do. A
 // potential loses less than a thousandth, which does not matter.
 const LIGHT_MASK = MAX_LIGHTS - 1u;
-// Maximum number of light points that a potential is estimated from.
+// Maximum number of light points that a potential is estimated from: as many as direct light samples by
+// default.
 const POTENTIAL_SAMPLES = 4u;
 // Counts are halved above this, so that they never overflow a word.
 const MAX_TESTS = 1u << 30u;

@@ -72,7 +72,8 @@ fn vertex_colour_at(triangle: u32, u: f32, v: f32) -> vec4f {
     return (1.0 - u - v) * c0 + u * c1 + v * c2;
 }
 
-// Tangent and bitangent for a normal on the outer side; zeros where the tangent is parallel to the normal.
+// Tangent and bitangent for a normal on the outer side; zeros where the tangent is parallel to the normal: what is
+// shorter than 1e-6 is rounding of unit vectors.
 fn tangent_frame(triangle: u32, u: f32, v: f32, normal: vec3f) -> mat2x3f {
     @if(instances) let texel = load_surface_texel(stored_triangle(triangle) * surface_stride + tangent_offset);
     @if(!instances) let texel = load_surface_texel(triangle * surface_stride + tangent_offset);

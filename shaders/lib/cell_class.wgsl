@@ -103,5 +103,6 @@ fn request_complement(code: u32) -> u32 {
 // Unit of a request's offsets, in cells, and of its cosines. An offset of 0 is stored as REQUEST_ZERO.
 const REQUEST_UNIT = 1.0 / 16384.0;
 const REQUEST_ZERO = 32768u;
-// Normals this near to that of a cell class are of its surface: 30 degrees.
+// Normals this near to that of a cell class are of its surface: 30 degrees, so that their cone is within the 35 degrees
+// of SPREAD_UNIT whatever rounding adds.
 const COS_CLUSTER = 0.8660254;

@@ -51,7 +51,8 @@ var<private> bounce_rays: u32;
 const FIRST_ROULETTE = 3u;
 
 // Set if the weight of a path of this invocation exceeds HEAVY_WEIGHT: either surfaces reflect more light than they
-// receive, or the BSDF sampling gives some directions far too small a density. Roulette alone does not cause it.
+// receive, or the BSDF sampling gives some directions far too small a density. Roulette alone does not cause it:
+// it leaves a weight of 1 at most. A path of eight times the weight is a bright speck.
 const HEAVY_WEIGHT = 8.0;
 var<private> heavy_path: bool;
 

@@ -16,11 +16,12 @@ import package::lib::photon::{photon_has_weight, photon_is_shadow, photon_weight
 
 // Visit budget of a query: the number of photons and rows of cells that it may visit, as a multiple of k within bounds.
 // A point that needs more is unknown. Where so many photons nearby belong to other surfaces (foliage), the search costs
-// more than the shadow rays that it could save.
+// more than the shadow rays that it could save. The minimum is the budget of k = 50, as in the paper's box.
 const VISITS_PER_NEAREST = 128u;
 const MIN_VISITS = 6400u;
 // On lavapipe the eight lanes of a vector share 65,535 iterations: while one visits a long row, all others wait. This
-// is an eighth of them, less 600 for the loops around the rows.
+// is an eighth of them, less 600 for the loops around the rows. Other devices have no such limit, and their budget only
+// bounds the time.
 @if(texture_loads) const MAX_VISITS = 7591u;
 @if(!texture_loads) const MAX_VISITS = 48000u;
 
@@ -39,7 +40,7 @@ fn visit_budget() -> u32 {
 @if(!paper_counting) const MAX_FIRST_REACH = MAX_REACH;
 @if(!paper_counting) const MAX_GROWTH = 2.0;
 
-// Margins for the rounding of cells' borders.
+// Margins for the rounding of cells' borders: positions in cells are up to 2,048, where f32 has steps of 1.2e-4.
 const REACH_FACTOR = 1.0001;
 const REACH_MARGIN = 1e-3;
 

@@ -76,7 +76,8 @@ fn unpack_anisotropy(packed: vec4f) -> Anisotropy {
     return Anisotropy(tangent, packed.x);
 }
 
-// Axes about the shading normal, the first along the tangent where there is one. `frame` has any about it.
+// Axes about the shading normal, the first along the tangent where there is one. `frame` has any about it. A tangent of
+// less than 1e-4 across the normal is rounding: the octahedral code is within 7e-5 of its vector.
 @if(anisotropy)
 fn anisotropy_frame(lobe: Anisotropy, frame: mat3x3f) -> mat3x3f {
     let shading_normal = frame[2];

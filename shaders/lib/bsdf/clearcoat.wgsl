@@ -191,7 +191,8 @@ fn clearcoat_max_density(lobe: Clearcoat, view: vec3f, view_z: f32) -> f32 {
     return select(0.0, max_visible_density(height, vec2f(lobe.alpha)), clearcoat_is_present(lobe));
 }
 
-// The probability of sampling the coat, if the layers below reflect `below` straight back.
+// The probability of sampling the coat, if the layers below reflect `below` straight back; bounded as in
+// `lobe_chances`.
 @if(clearcoat)
 fn clearcoat_chance(lobe: Clearcoat, pair: LayerPair, below: f32) -> LayerChance {
     let through = through_coat(lobe, vec2f(coat_view_height(lobe, pair)));

@@ -131,7 +131,8 @@ fn sheen_value(lobe: Sheen, pair: LocalPair) -> vec3f {
     return lobe.colour * (distribution / (masked * max(max(light.albedo, view.albedo), 1.0)));
 }
 
-// The probability of sampling the fibres, if the layers below reflect `below` straight back.
+// The probability of sampling the fibres, if the layers below reflect `below` straight back; bounded as in
+// `lobe_chances`.
 @if(sheen)
 fn sheen_chance(lobe: Sheen, pair: LayerPair, below: f32) -> LayerChance {
     let albedo = fibre_side(sheen_roughness(lobe), pair.local.view.z).albedo;

@@ -15,7 +15,7 @@ fn edge_term(a: vec3f, b: vec3f, across: vec3f, n: vec3f) -> f32 {
 }
 
 // Lights farther away than this number of radii of their bounding sphere use `small_edge_term`, which is more precise
-// for them.
+// for them. Its series assumes sides of less than a quarter of the distance.
 const SMALL_LIGHT = 8.0;
 
 // Lambert's term for a side of a small light, times the squared length of `base`. `base` leads from the position to a

@@ -94,7 +94,8 @@ fn mesh_max_solid_angle(light: u32, position: vec3f) -> f32 {
     return 2.0 * PI * squared_sine / (1.0 + sqrt(1.0 - squared_sine));
 }
 
-// Minimum cosine at the emitter in a potential, as MIN_COSINE is at the surface.
+// Minimum cosine at the emitter in a potential, as MIN_COSINE is at the surface. It can be lower, because a light with
+// an axis lies in one plane, with one normal.
 const MIN_EMITTED_COSINE = 0.02;
 // Margin below the emitter's plane, because normals are rounded to 16 bits per coordinate.
 const BEHIND_EMITTER = -1e-3;
