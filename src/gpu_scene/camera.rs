@@ -46,6 +46,7 @@ impl CameraUniform {
             right: (right * half_width).into(),
             near: camera.near,
             up: (up * half_height).into(),
+            // Kernels have no infinity.
             far: camera.far.min(1e30),
             backward: backward.into(),
             lens_radius: camera.lens.map_or(0.0, |lens| lens.radius),

@@ -35,7 +35,8 @@ const SPARE_OF_DISTANCE: f64 = 4e-7;
 /// surfaces.
 const TOUCHING: f64 = 1.0 / (1 << 20) as f64;
 
-/// Components of a unit vector below which it counts as perpendicular to an axis.
+/// Components of a unit vector below which it counts as perpendicular to an axis: far above rounding in f64. The depth
+/// of such a plane is divided by this component, and would be too large to bound anything.
 const PERPENDICULAR: f64 = 1e-9;
 
 shared_struct! {

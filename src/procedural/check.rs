@@ -10,7 +10,7 @@ use naga::{
 use super::limits::ITERATIONS;
 use super::role::Role;
 
-/// Maximum size of a file in bytes.
+/// Maximum size of a file in bytes, for which [`STACK_BYTES`] is enough.
 const MAX_BYTES: usize = 1 << 16;
 
 /// Maximum number of expressions in a function and its callees, each call counted. A compiler may inline every call, so

@@ -10,6 +10,7 @@ use crate::Result;
 
 /// Number of elements that an accessor without data may have in any file. A larger number must not exceed the bytes of
 /// the largest buffer: other attributes of the same vertices are stored there, and nothing else in the file bounds it.
+/// So many elements take 256 KiB at most.
 const ZERO_FILLED_IN_ANY_FILE: usize = 1 << 12;
 
 /// A buffer view: a byte range of a buffer.

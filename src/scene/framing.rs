@@ -79,6 +79,7 @@ impl Scene {
                 nearest = nearest.max(z);
             }
         }
+        // A flat scene has some depth, and the eye is in front of the nearest corner.
         let extent = (bounds[1] - bounds[0]).max(Vec3::splat(1e-6));
         let distance = distance.max(nearest + 1e-3 * extent.max_element());
         let camera = |axes: [Vec3; 3]| {

@@ -23,7 +23,7 @@ const DESCRIPTORS: [usize; 2] = [44, 60];
 const UASTC_BLOCK: u64 = 16;
 
 /// Texels that every file may have, 2048 x 2048, and texels for each byte of a longer file. A run of equal blocks takes
-/// a few bits in ETC1S, and Zstandard has blocks of 128 KiB in 4 bytes.
+/// a few bits in ETC1S. Zstandard has blocks of 128 KiB in 4 bytes, and UASTC has a byte a texel.
 const FREE: u64 = 1 << 22;
 const DENSEST: u64 = 1 << 15;
 

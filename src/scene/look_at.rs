@@ -10,7 +10,7 @@ use super::description::Scene;
 const NEAR: f32 = 1e-4;
 
 /// If the sine of the angle between the view and the direction that is up is smaller, another direction takes its
-/// place.
+/// place. It is far above rounding in double precision.
 const STEEP: f64 = 1e-6;
 
 /// How much a placed camera sees.

@@ -145,7 +145,8 @@ const MAP_CELL: f32 = 0.6;
 /// pixel.
 const MAX_EDGED_LEVEL: u32 = 1;
 
-/// Points of the circle that is drawn around the nearest photons.
+/// Points of the circle that is drawn around the nearest photons. If it is 1,000 pixels wide, its sides are within 0.04
+/// pixels of a circle.
 const CIRCLE_POINTS: u32 = 256;
 
 const MARK: [u8; 3] = [255, 255, 255];

@@ -19,7 +19,8 @@ use crate::render::film::View;
 /// Width of the panel in points.
 pub const WIDTH: f32 = 270.0;
 
-/// Points of scrolling that bring the camera nearer by a factor of e. A step of a mouse wheel is 40 points (egui).
+/// Points of scrolling that bring the camera nearer by a factor of e. A step of a mouse wheel is 40 points (egui),
+/// and brings it nearer by 15 %.
 const SCROLL_STEP: f64 = 250.0;
 
 /// Shares of the scene's size that the camera flies in a second.

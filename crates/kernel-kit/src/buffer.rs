@@ -71,7 +71,8 @@ pub enum TableFormat {
 pub const TABLE_LAYER_ROWS: u32 = 1024;
 
 /// Width of a table's texture in texels. Kernels find texel i at `(i & (TABLE_WIDTH - 1), i >> TABLE_WIDTH_LOG2)`, and
-/// the row of a layered table by [`TABLE_LAYER_ROWS`]; the module `package::kit` has these constants.
+/// the row of a layered table by [`TABLE_LAYER_ROWS`]; the module `package::kit` has these constants. WebGPU promises
+/// textures of twice this width.
 pub const TABLE_WIDTH: u32 = 4096;
 
 /// Records of a buffer that is to become a table of `records`: whole rows.

@@ -14,7 +14,7 @@ const FIRST_GROUPS: u32 = 256;
 const GROWTH: f64 = 2.0;
 /// Slices of an indirect dispatch that has not run yet.
 const FIRST_SLICES: u32 = 16;
-/// Maximum number of slices of an indirect dispatch, whose size the host does not know.
+/// Maximum number of slices of an indirect dispatch, whose size the host does not know: one workgroup of 64 makes them.
 pub(crate) const MAX_SLICES: u32 = 64;
 
 /// The times of passes by label, as upper bounds. What is submitted is timed until the host waits for it, and each of

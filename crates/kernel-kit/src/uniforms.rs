@@ -14,7 +14,7 @@ pub(crate) const PARAMETER_BINDING: u32 = 1;
 pub(crate) const ENTRY_BYTES: u64 = 256;
 /// Bytes of the binding of a first workgroup.
 const FIRST_BYTES: u64 = 16;
-/// Entries of a buffer.
+/// Entries of a buffer, which then has 16 KiB.
 const ENTRIES: u64 = 64;
 
 /// Where the first workgroup of a dispatch is found.

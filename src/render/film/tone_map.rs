@@ -89,7 +89,8 @@ fn neutral(colour: [f32; 3]) -> [f32; 3] {
     colour.map(|c| c * (new_peak / peak) * (1.0 - g) + new_peak * g)
 }
 
-/// AgX's base look, display-linear.
+/// AgX's base look, display-linear, with the matrices and the range of Blender and Filament, and with Wrensch's
+/// polynomial for the curve (2023, "Minimal AgX Implementation").
 fn agx(colour: [f32; 3]) -> [f32; 3] {
     // Matrices for column vectors, as rows. Rec.709 to Rec.2020 and back are from ITU-R BT.2087.
     const REC2020_FROM_REC709: Matrix = [[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0113], [0.0164, 0.0880, 0.8956]];

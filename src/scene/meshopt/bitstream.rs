@@ -67,6 +67,7 @@ pub(super) fn attributes(stream: &[u8], count: usize, stride: usize) -> Result<V
     });
     let transforms = transforms.collect::<Result<Vec<_>>>()?;
 
+    // The format's blocks: as many elements as 8 KiB hold, but at most 256.
     let max_block = ((8192 / stride) & !(GROUP - 1)).min(256);
     let mut last = baseline.to_vec();
     let mut decoded = Vec::new();

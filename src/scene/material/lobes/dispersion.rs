@@ -43,7 +43,8 @@ impl Lobe for Dispersion {
     /// The colours stand for the lines d, C and F.
     fn texels(&self, context: &LobeContext) -> Vec<[f32; 4]> {
         let above_one = context.ior - 1.0;
-        // The index for red stays above 1.
+        // The extension's strength is 20 over the Abbe number (n - 1) / (n_F - n_C), and this is half of n_F - n_C. The
+        // index for red stays above 1.
         let spread = (above_one * 0.025 * self.strength).min(above_one - MIN_BENDING).max(0.0);
         vec![[spread / context.outside, 0.0, 0.0, 0.0]]
     }

@@ -72,7 +72,8 @@ impl Lobe for Sheen {
     }
 }
 
-/// Cells along the cubic root of the cosine, and along the logarithm of the roughness.
+/// Cells along the cubic root of the cosine, and along the logarithm of the roughness. With so many, interpolation is
+/// too low by 0.14 % at most.
 const COLUMNS: u32 = 63;
 const ROWS: u32 = 31;
 
@@ -80,7 +81,7 @@ const ROWS: u32 = 31;
 /// more than 2.7 times the light that they receive.
 pub(crate) const MIN_ROUGHNESS: f64 = 0.07;
 
-/// Minimum cosine of a view to the fibres, as in the kernels.
+/// Minimum cosine of a view to the fibres, as in the kernels, which divide the albedo by it.
 const MIN_COSINE: f64 = 1e-4;
 
 /// Factor on the entries of the table. Interpolation can be too low by 0.14 %, and this error must not create light.
