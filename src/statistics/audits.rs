@@ -148,6 +148,7 @@ mod tests {
             let exact = [0.025, 0.975].map(|p| quantile(&beta, p));
             let close = jeffreys(MANY, whole);
             let off = [0, 1].map(|end| (close[end] - exact[end]).abs() / (exact[1] - exact[0]));
+            // The fiftieth that `MANY` states.
             assert!(off[0] < 0.02 && off[1] < 0.02, "of {whole}: {off:?}");
         }
     }

@@ -80,6 +80,7 @@ fn an_ordinary_scene_has_no_faults() {
         let figures = Conditioning { unknown, min_radius_records, mean_bounces, ..Default::default() };
         assert_eq!(found, figures, "{technique}");
         assert_eq!((statistics.not_finite, said), (0, None), "{technique}");
+        // Up to this share there is no note.
         assert!(found.unknown as f64 <= 0.1 * statistics.points.total as f64, "{technique}: {found:?}");
         assert!(found.min_radius_records <= statistics.indirect.records, "{technique}: {found:?}");
         let words = ["finite", "largest number", "too few photons", "weight", "loop budget", "lost"];

@@ -756,6 +756,7 @@ fn no_surface_makes_light(gpu: &Gpu) {
     }
     let white =
         Tested { base: 1.0, roughness: 1.0, metallic: 0.0, view: view(0.5), tilt: 0.0, glossy: false, lobes: NO_LOBES };
+    // All samples of a Lambertian surface have the same weight, but for roundings of f32.
     assert!((albedo(&white) - 1.0).abs() < 1e-6);
 }
 

@@ -135,6 +135,7 @@ fn rays_reach_what_lines_reach(gpu: &Gpu) {
             assert_eq!(got.class, class);
             if class == Class::Boundary {
                 let share = got.n_i as f32 / (got.n_i + got.n_s) as f32;
+                // Half a step of a class word's visibility, and its rounding.
                 assert!((got.visibility - share).abs() < 0.6 / 2047.0);
             }
             visible_count += visible;

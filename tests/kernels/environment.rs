@@ -215,6 +215,7 @@ fn samples_follow_their_density(gpu: &Gpu) {
         let mut caught = 0;
         for [sample, colour] in got.as_chunks::<2>().0 {
             let (direction, pdf) = (vector(sample), sample[3]);
+            // A few roundings of f32.
             assert!((direction.length() - 1.0).abs() < 1e-6 && pdf > 0.0);
             let expected = 3.0 * radiance(&panorama, rotation, direction);
             let tolerance = 3.0 * rounding(&panorama, rotation, direction);

@@ -94,6 +94,7 @@ fn rays_leave_the_whole_iris_and_meet_in_focus(gpu: &Gpu) {
         let view = camera(DVec3::new(0.02, 0.05, 0.9), DVec3::new(-0.02, -0.05, -1.0), 0.6);
         let view = Camera { lens: Some(lens), ..view };
         let seen = see(gpu, &view, 64);
+        // A few roundings of f32 positions of unit size.
         assert!(seen.iter().all(|seen| seen.off < 1e-6), "{blades} blades: rays do not leave the lens");
         assert_eq!(unfocused(&seen, &view, 0.9), 0, "{blades} blades");
         assert!(unfocused(&seen, &view, 1.0) > seen.len() / 2, "another distance is not noticed");

@@ -96,6 +96,7 @@ fn views_are_filled() {
             let towards = camera.axes[2];
             let (a, e) = (azimuth.to_radians(), elevation.to_radians());
             let expected = Vec3::new(a.sin() * e.cos(), e.sin(), a.cos() * e.cos());
+            // Roundings of unit vectors in f32.
             assert!((towards - expected).length() < 1e-6, "{towards} for {expected}");
             assert!(camera.axes[0].y.abs() < 1e-6, "the horizon is not level");
         }
