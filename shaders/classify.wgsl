@@ -82,6 +82,7 @@ fn queue_item(queue: u32, item: u32) -> u32 {
 
 // The candidate has no class yet; `query` finds it.
 const UNDECIDED = 0xffffffffu;
+// As GATHER_GROUP in src/kernels/numbers.rs.
 const CLASSIFY_GROUP = 64u;
 
 // A workgroup counts its candidates by these indices; those below are the classes.
@@ -92,7 +93,7 @@ const COUNTED_UNDECIDED = 8u;
 const COUNTED_TRACED = 9u;
 // Indices below this one have a counter; the two others are only lengths of queues.
 const WITH_COUNTER = 8u;
-// The counts of the workgroup: half of a word for each index.
+// The counts of the workgroup: half of a word for each index. A workgroup has at most 2,048 candidates.
 var<workgroup> group_counts: array<atomic<u32>, COUNT_WORDS>;
 const COUNT_WORDS = 5u;
 // Where the workgroup's candidates begin in each queue.

@@ -42,6 +42,7 @@ var<immediate> grid_pass: GridParameters;
 @group(0) @binding(13) var<storage, read> requested_normals: array<u32>;
 @group(0) @binding(14) var<storage, read_write> requested_cells: array<RequestedCell>;
 
+// As GATHER_GROUP in src/kernels/numbers.rs; and as many as WebGPU promises, because one workgroup scans all blocks.
 const GRID_GROUP = 64u;
 const SCAN_GROUP = 256u;
 

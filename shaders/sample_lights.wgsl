@@ -48,6 +48,7 @@ struct SampleLightsParameters {
 
 var<immediate> sample_lights_pass: SampleLightsParameters;
 
+// With ZONE_LIGHTS weights for each invocation, a workgroup fills the 16 KiB of memory that WebGPU promises.
 const SAMPLE_LIGHTS_GROUP = 64u;
 @if(zones) const LIST_TEXELS = ZONE_LIGHTS / 4u;
 // Number of lights from which an audit takes one. More would cost more than they reduce noise.

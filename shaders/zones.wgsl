@@ -24,6 +24,7 @@ var<immediate> zones_pass: ZoneParameters;
 @group(0) @binding(0) var<storage, read> light_powers: array<f32>;
 @group(0) @binding(1) var<storage, read_write> listed_lights: array<u32>;
 
+// As GATHER_GROUP in src/kernels/numbers.rs.
 const GROUP = 64u;
 // Buckets of a histogram of what lights send to a zone, by the float's exponent and the upper two bits of its mantissa.
 // The largest power is 1 and tallies are below 2^16 (RAYS_PER_LIGHT in src/light_transport/light_sampler.rs), so no

@@ -344,7 +344,7 @@ fn lobe_chances(s: Surface, pair: LayerPair) -> LobeChances {
     return chances;
 }
 
-// The probability that a sampled microfacet transmits.
+// The probability that a sampled microfacet transmits; 0 if it neither transmits nor reflects.
 @if(transmission)
 fn passing_share(s: Surface, cosine: f32) -> f32 {
     let passes = dot(transmittance(s, cosine), vec3f(1.0));

@@ -92,6 +92,7 @@ fn extent_of(grid: GridShape, cluster: Cluster, class_: CellClass) -> Extent {
         let others = half_size * (abs(normal.yzx) + abs(normal.zxy));
         let slab_low = (class_.offset - class_.thickness) - others;
         let slab_high = (class_.offset + class_.thickness) + others;
+        // Along an axis in the surface's plane, the slab bounds nothing.
         let scale = 1.0 / max(abs(normal), vec3f(1e-6));
         let positive = normal >= vec3f(0.0);
         low = max(low, select(-slab_high, slab_low, positive) * scale);

@@ -113,7 +113,8 @@ fn weighted_irradiance(record: Record, position: vec3f, normal: vec3f) -> vec4f 
 // The block of a lane without a point.
 const NO_BLOCK = 0xffffffffu;
 
-// Interpolates the irradiance at a visible point from the records that reach its block of the image.
+// Interpolates the irradiance at a visible point from the records that reach its block of the image; 0 where none
+// reaches the point.
 fn interpolate_records(block: u32, position: vec3f, normal: vec3f, lane: u32) -> Interpolated {
     @if(!packets) let sum = sum_of_block(block, position, normal);
     @if(packets) let sum = sum_of_blocks(block, position, normal, lane % PACKET_LANES);

@@ -98,7 +98,8 @@ fn unpack_diffuse_transmission(packed: vec4f) -> DiffuseTransmission {
     return DiffuseTransmission(packed.xyz);
 }
 
-// The share of the diffuse base's samples that pass through, if the base has the given albedo.
+// The share of the diffuse base's samples that pass through, if the base has the given albedo; 0 if it is black from
+// both sides.
 @if(diffuse_transmission)
 fn diffusely_passing_share(lobe: DiffuseTransmission, albedo: vec3f) -> f32 {
     let passes = dot(lobe.tint, vec3f(1.0));

@@ -152,6 +152,7 @@ fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSam
     let point = mesh_point(light, header, triangle, sample_spherical_triangle(spherical, vec2f(left, u.y)));
     let offset = point.position - position;
     let distance2 = dot(offset, offset);
+    // A light point at the position itself has no direction.
     if distance2 < 1e-30 { return no_light_sample(); }
     let distance = sqrt(distance2);
     let front = emitter_faces(triangle, position);

@@ -12,7 +12,8 @@ use crate::scene::{Extent, Framing, LookAt, Scene};
 use crate::view::navigation;
 use crate::view::pick::pick;
 
-/// The share of the distance to a point that remains after moving the camera towards it.
+/// The share of the distance to a point that remains after moving the camera towards it. However often
+/// it moves, it does not pass the point.
 pub(super) const NEARER: f64 = 0.5;
 
 /// Depth of the camera's target if nothing is in the centre of its image: about the size of the scene.
