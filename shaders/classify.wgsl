@@ -332,6 +332,7 @@ fn class_by_requested_cell(candidate: u32) -> u32 {
 // a sphere, neighbours whose normals differ by the 25 degrees below are at 12.5 degrees from the plane.
 const DILATE_SLOPE = 0.25;
 // Normals of neighbours on one surface: 25 degrees, well within the 45 at which photons count for each other's surface.
+// Other angles were not compared.
 const DILATE_COSINE = 0.9063;
 
 // A lit or shadowed candidate becomes a boundary if a neighbour on the same surface is a boundary or unknown.

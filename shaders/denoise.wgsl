@@ -25,7 +25,7 @@ struct DenoiseParameters {
 var<immediate> denoise: DenoiseParameters;
 
 // Weight of the neighbours' variance, in samples, next to the pixel's own: a variance of a few samples is itself mostly
-// noise.
+// noise. Other weights were not compared.
 const POOLED_SAMPLES = 4.0;
 // Radii of windows in pixels. The first filter needs no more than 7 x 7, the second gained nothing beyond 11 x 11. The
 // windows of `restrain`, `pool` and `combine` are 5 x 5, and written out. For `combine`, 3 x 3 leave fireflies, and
@@ -46,10 +46,12 @@ const COUNTED_WEIGHT = 0.3;
 // intervals 1.5 times as narrow, errors are up to a quarter larger (docs/experiments.md, "What the filter does").
 const FIRST_INTERVAL = 1.69;
 const SECOND_INTERVAL = 4.0;
-// Ridge of the fitted plane's slopes, in square pixels: a plane through few pixels is level.
+// Ridge of the fitted plane's slopes, in square pixels: a plane through few pixels is level. Other values were not
+// compared.
 const RIDGE = 0.5;
 // Differences at which a weight falls to 1/e: of normals (1 - cosine), albedo, and the offset from the tangent plane,
-// in distances of neighbouring pixels.
+// in distances of neighbouring pixels. Wider ones for pixels that few neighbours resemble were tried and not kept
+// (docs/experiments.md, "What the filter does"); other values for all pixels were not compared.
 const NORMAL_SCALE = 0.1;
 const ALBEDO_SCALE = 0.1;
 const PLANE_SCALE = 1.5;

@@ -264,7 +264,7 @@ fn focuses(s: Surface) -> bool {
 
 // Minimum alpha of a dielectric layer that is met by a ray of a diffuse surface. A layer shows a light without a size
 // as bright as 1 / alpha^2: a smooth pane in scenes/still_life.glb made a record a thousand times too bright
-// (docs/decisions.md, "Lights in smooth layers").
+// (docs/decisions.md, "Lights in smooth layers"). Other values were not compared.
 const MIN_INDIRECT_ALPHA = 0.3;
 
 // The surface as rays in a cone of directions see it; `spread` is 1 for those of a Lambertian surface, and less for a

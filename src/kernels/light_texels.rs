@@ -42,11 +42,11 @@ pub(crate) const DISC_TEXEL: u32 = 4;
 pub(crate) const SAMPLING_TEXEL: u32 = 5;
 
 /// Distance from the middle of a light, in its radii, beyond which a position is far from it. Nearer, the visible part
-/// of its triangles depends on the position, and not on the direction alone.
+/// of its triangles depends on the position, and not on the direction alone. Other distances were not compared.
 pub(crate) const NEAR_LIGHT: f64 = 2.0;
 
 /// Maximum number of triangles of a light for which every position evaluates all of them, and samples one by the light
-/// that each sends. A square has two.
+/// that each sends. A square has two. Other numbers were not compared.
 pub(crate) const FEW_EMITTERS: u32 = 4;
 
 /// Maximum number of triangles of a light for which near positions evaluate all of them. Each triangle costs about a

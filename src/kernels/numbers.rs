@@ -267,11 +267,11 @@ pub const RECORD_VALUE_TEXELS_CURVED: u32 = 6;
 pub const RECORD_OFF_PLANE: f32 = 99.0;
 
 /// 1 over the length of the difference of unit normals 20 degrees apart: a record is not used for normals farther from
-/// its own.
+/// its own. Other angles were not compared.
 pub const RECORD_PER_NORMAL: f32 = 1.0 / 0.347_296_36;
 
 /// Minimum sum of the weights of a point's records; one weight is at most 1. A point below it lies at the rims of its
-/// records, far out on their gradients, and needs one of its own.
+/// records, far out on their gradients, and needs one of its own. Other sums were not compared.
 pub const RECORD_MIN_WEIGHT: f32 = 0.3;
 
 /// Vectors of a pixel for the statistical denoiser: mean and variance of direct light, then of indirect light, albedo,

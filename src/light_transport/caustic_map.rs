@@ -17,6 +17,7 @@ use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 
 /// Rays of a caustic map for each ray of the global map. More, because few of them hit a focusing surface first.
+/// Other factors were not compared.
 const RAYS_PER_FLUX_RAY: u32 = 4;
 
 /// Photons in a cell if all lay evenly in a square around them: 1 / pi. A disc has the radius of a cell, so a photon
@@ -30,7 +31,7 @@ const MAX_CELLS: u32 = 1 << 19;
 
 /// Share of a cube's photons that determines the next cube within it, and the factor by which that cube is wider than
 /// the space around these photons. At its faces the density has fallen, so the larger discs beyond them spread little
-/// light.
+/// light. Other values were not compared.
 const DENSE_SHARE: f64 = 0.8;
 const MARGIN: f32 = 1.5;
 

@@ -39,7 +39,8 @@ const LATER_SPACINGS: [u32; 3] = [4, 3, 2];
 /// With all nine, `scenes/crowd.glb` had 2.9 pictures a second in the window; with six, 12.
 const SPACINGS_BESIDE_KEPT: usize = 6;
 
-/// Maximum radius of a record in pixels. Farther away, gradients miss detail between the records.
+/// Maximum radius of a record in pixels. Farther away, gradients miss detail between the records. Other radii were not
+/// compared.
 const MAX_RADIUS_PIXELS: f32 = 20.0;
 
 pub(crate) struct CacheKernels {

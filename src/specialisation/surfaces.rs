@@ -98,7 +98,8 @@ fn focuses(m: &Material) -> bool {
 /// kernels.
 const CLEAR_ROUGHNESS: f32 = 0.032;
 
-/// Maximum alpha of metals that count as focusing: roughness 0.3. Wider lobes show no caustics.
+/// Maximum alpha of metals that count as focusing: roughness 0.3. Wider lobes show no caustics. Other
+/// widths were not compared.
 pub(crate) const FOCUSING_ALPHA: f32 = 0.09;
 
 /// Numbers of materials and lights with certain properties. Only materials that a triangle or an object uses count.

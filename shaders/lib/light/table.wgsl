@@ -69,6 +69,7 @@ fn no_light_sample() -> LightSample {
 
 // Minimum cosine at the surface in the potential of a light. The potential takes the cosine towards the light's centre,
 // but the light is wider than that and normals are rounded. No light that contributes may have a probability near 0.
+// Other values were not compared.
 const MIN_COSINE = 0.1;
 
 struct EmittedRay {
