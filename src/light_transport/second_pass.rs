@@ -136,11 +136,6 @@ impl SecondPass<'_, '_> {
         self.testing(|testing, direct, frame, tile| testing.next(frame, direct.classify_buffers(), tile, lights));
     }
 
-    /// Traces the shadow rays of the queued lights (pass `shadow`).
-    pub fn test_queued_lights(&mut self, lights: &Chunk) {
-        self.direct(|direct, frame, tile| direct.trace_shadow_rays(frame, tile, lights));
-    }
-
     /// Estimates the visibility of the lights that were not tested (pass `ward`).
     pub fn estimate_untested_lights(&mut self, lights: &Chunk) {
         self.testing(|testing, _, frame, tile| testing.estimate(frame, tile, lights));

@@ -6,7 +6,7 @@
 //! and a list has every surface that may hide some part of the light. Shadow rays are traced through the BVH, not
 //! through the lists.
 
-use super::passes::{Implementation, indirect_light};
+use super::passes::{Implementation, second_pass_by_classes};
 use super::two_pass;
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
@@ -44,14 +44,5 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
     if !frame.has_light_buffers() {
         return two_pass::second_pass(frame);
     }
-    frame.trace_camera_rays();
-    for lights in frame.light_chunks() {
-        frame.look_up_light_buffers(&lights);
-        frame.queue_shadow_rays(&lights);
-        frame.trace_shadow_rays(&lights);
-        frame.shade(&lights);
-        frame.add_classes_to_film(&lights);
-    }
-    indirect_light(frame);
-    frame.add_to_film();
+    second_pass_by_classes(frame, SecondPass::look_up_light_buffers);
 }

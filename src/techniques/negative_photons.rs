@@ -2,9 +2,9 @@
 //! Christensen 1995: "adding the negative energy").
 
 use super::passes::Implementation;
+use super::photon_map::second_pass;
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
-use crate::light_transport::second_pass::SecondPass;
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
 
@@ -28,12 +28,4 @@ pub(super) const IMPLEMENTATION: Implementation =
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     // The global map. Rays continue through the first surface, and store photons of negative flux behind it.
     setup.make_indirect_light()
-}
-
-fn second_pass(frame: &mut SecondPass<'_, '_>) {
-    frame.trace_camera_rays();
-    frame.show_global_map();
-    // The light that glossy surfaces reflect.
-    frame.trace_paths();
-    frame.add_to_film();
 }

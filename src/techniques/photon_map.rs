@@ -31,7 +31,7 @@ fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     setup.make_indirect_light()
 }
 
-fn second_pass(frame: &mut SecondPass<'_, '_>) {
+pub(super) fn second_pass(frame: &mut SecondPass<'_, '_>) {
     frame.trace_camera_rays();
     frame.show_global_map();
     // The light that glossy surfaces reflect.

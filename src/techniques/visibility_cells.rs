@@ -5,7 +5,7 @@
 //! In the original, the share of rays that reach a light weights the probability of sampling it. Here each light is
 //! used, and the share is the control variate of pass `shade`.
 
-use super::passes::{Implementation, indirect_light};
+use super::passes::{Implementation, second_pass_by_classes};
 use super::two_pass;
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
@@ -32,26 +32,17 @@ impl Technique {
 pub(super) const IMPLEMENTATION: Implementation =
     Implementation { technique: Technique::VISIBILITY_CELLS, is_unbiased: |_| false, first_pass, second_pass };
 
-fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
+pub(super) fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     setup.make_direct_light()?;
     setup.trace_cell_rays()?;
     // The global map and the irradiance cache.
     setup.make_indirect_light()
 }
 
-fn second_pass(frame: &mut SecondPass<'_, '_>) {
+pub(super) fn second_pass(frame: &mut SecondPass<'_, '_>) {
     // The scene has no surface or no light.
     if !frame.has_cells() {
         return two_pass::second_pass(frame);
     }
-    frame.trace_camera_rays();
-    for lights in frame.light_chunks() {
-        frame.look_up_cells(&lights);
-        frame.queue_shadow_rays(&lights);
-        frame.trace_shadow_rays(&lights);
-        frame.shade(&lights);
-        frame.add_classes_to_film(&lights);
-    }
-    indirect_light(frame);
-    frame.add_to_film();
+    second_pass_by_classes(frame, SecondPass::look_up_cells);
 }

@@ -5,11 +5,8 @@
 //! polygons cast together. Here rays set the tags. Occluders may lie between the rays, so a tag counts only if the 26
 //! neighbouring voxels have the same tag.
 
-use super::passes::{Implementation, indirect_light};
-use super::two_pass;
-use crate::Result;
-use crate::light_transport::first_pass::FirstPass;
-use crate::light_transport::second_pass::SecondPass;
+use super::passes::Implementation;
+use super::visibility_cells::{first_pass, second_pass};
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
 
@@ -28,30 +25,7 @@ impl Technique {
     });
 }
 
+/// The passes of `visibility-cells`. With the feature `voxel_tags`, the classes that pass `cells` gives to cells are
+/// tags.
 pub(super) const IMPLEMENTATION: Implementation =
     Implementation { technique: Technique::VOXEL_TAGS, is_unbiased: |_| false, first_pass, second_pass };
-
-fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
-    setup.make_direct_light()?;
-    // The tags: pass `cells` with the feature `voxel_tags`.
-    setup.trace_cell_rays()?;
-    // The global map and the irradiance cache.
-    setup.make_indirect_light()
-}
-
-fn second_pass(frame: &mut SecondPass<'_, '_>) {
-    // The scene has no surface or no light.
-    if !frame.has_cells() {
-        return two_pass::second_pass(frame);
-    }
-    frame.trace_camera_rays();
-    for lights in frame.light_chunks() {
-        frame.look_up_cells(&lights);
-        frame.queue_shadow_rays(&lights);
-        frame.trace_shadow_rays(&lights);
-        frame.shade(&lights);
-        frame.add_classes_to_film(&lights);
-    }
-    indirect_light(frame);
-    frame.add_to_film();
-}

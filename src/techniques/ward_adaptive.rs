@@ -49,7 +49,7 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
         frame.order_lights(&lights);
         for _ in 0..lights.lights {
             frame.queue_next_light(&lights);
-            frame.test_queued_lights(&lights);
+            frame.trace_shadow_rays(&lights);
         }
         frame.estimate_untested_lights(&lights);
         frame.learn_visibility(&lights);
