@@ -8,14 +8,12 @@ import package::lib::packet::{no_ray, trace_occluded_together};
 import package::lib::visible_point::load_point;
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_COUNT_MAX, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_OVERRUN,
-    DIMENSION_CELL, DIMENSION_SHADOW_ALPHA, INVALID_POINT
+    DIMENSION_CELL, DIMENSION_SHADOW_ALPHA
 };
 import package::lib::class_word::class_word;
 import package::kit::group_index;
 import package::lib::grid::{GridShape, cell_in_grid, cell_of, cells_of_a_light, index_in_grid};
-@if(dark_points) import package::lib::light::light_dark;
-import package::lib::light::{light_sample, shadow_ray};
-import package::lib::math::oct_decode16;
+import package::lib::light::{is_dark, light_sample, shadow_ray};
 import package::lib::ray::RaySample;
 import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol2;
@@ -155,10 +153,7 @@ fn classify_points(
 fn word_of_candidate(candidate: u32) -> u32 {
     let local_light = candidate / cells_pass.tile.point_count;
     let point = load_point(candidate - local_light * cells_pass.tile.point_count);
-    if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     let light = cells_pass.light + local_light;
-    @if(dark_points) {
-        if light_dark(light, point.position, oct_decode16(point.normal)) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
-    }
+    if is_dark(light, point) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     return cell_words[index_of(light, cell_of(cells_pass.grid, point.position))];
 }

@@ -27,7 +27,7 @@ import package::lib::grid::{GridShape, cell_centre, cell_index, cell_of, nearest
 @if(fine_cells) import package::lib::fine_cell::{fine_class, store_rays};
 @if(fine_cells && shown_cells) import package::lib::fine_cell::{FINE_CELL_ABSENT, cell_level, hash_cell};
 @if(visibility_map && shown_cells) import package::lib::rng::hash1;
-@if(dark_points) import package::lib::light::light_dark;
+import package::lib::light::is_dark;
 @if((visibility_map || fine_cells) && environment) import package::lib::light::environment::is_environment;
 import package::lib::sampled_light::candidate_light;
 import package::lib::point::Point;
@@ -130,19 +130,15 @@ fn point_of(candidate: u32) -> u32 {
 
 fn class_without_map(candidate: u32) -> u32 {
     let point = load_point(point_of(candidate));
-    if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
-    let normal = oct_decode16(point.normal);
     let light = light_of(candidate);
     @if(light_sampling) { if light == NO_SAMPLED_LIGHT { return class_word(CLASS_DARK, 0u, 0u, 0.0); } }
-    @if(dark_points) {
-        if light_dark(light, point.position, normal) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
-    }
+    if is_dark(light, point) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     // The environment has no photons.
     @if((visibility_map || fine_cells) && environment) {
         if is_environment(light) { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
     }
     @if(fine_cells) {
-        let fine = fine_class(light, point.position, normal);
+        let fine = fine_class(light, point.position, oct_decode16(point.normal));
         if is_decided(fine.class_) { return decided_word(fine.class_, fine.nearness); }
         // For a divided cell, shadow rays give a better estimate than the map.
         if fine.nearness != AWAY { return boundary_word(fine.visibility, nearest); }

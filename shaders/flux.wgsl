@@ -7,13 +7,10 @@
 // Out: `flux_photons`, appended in any order, and `flux_counts`. Positions are in scene units after normalisation, flux
 // in units of 1 / `inverse_unit` (lib/photon has its encoding).
 
-import package::lib::bsdf::{bsdf_sample, leaving_normal};
-@if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::{bsdf_evaluate, bsdf_pdf};
-@if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::diffuse::diffuse_density;
-@if(smooth_normals || normal_maps || coat_normals) import package::lib::bsdf::surface::seen_from;
-@if((smooth_normals || normal_maps || coat_normals) && transmission) import package::lib::bsdf::surface::{
-    passes_light, seen_through,
-};
+import package::lib::bsdf::{bsdf_evaluate, bsdf_pdf, bsdf_sample, leaving_normal};
+import package::lib::bsdf::diffuse::diffuse_density;
+import package::lib::bsdf::surface::seen_from;
+@if(transmission) import package::lib::bsdf::surface::{passes_light, seen_through};
 @if(caustics) import package::lib::bsdf::focuses;
 @if(caustics && alpha_test) import package::lib::alpha::alpha_coverage;
 @if(caustics && alpha_test) import package::lib::bvh::has_alpha_test;
@@ -23,14 +20,12 @@ import package::kit::group_index;
 import package::lib::light::{flux_window, light_emit};
 @if(emissive_volumes) import package::lib::light::mesh::{begins_in_volume, transmittance_behind};
 @if(emissive_volumes) import package::lib::light::table::NO_EMITTER;
-import package::lib::math::{is_finite3, oct_encode7};
-@if(smooth_normals || normal_maps || coat_normals) import package::lib::math::{basis, safe_sqrt};
+import package::lib::math::{basis, is_finite3, oct_encode7, safe_sqrt};
 import package::lib::photon::{Photon, flux_word};
 import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, UNBOUNDED, offset_origin};
 @if(caustics && alpha_test && procedurals) import package::lib::procedural::is_procedural;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
-@if(smooth_normals || normal_maps || coat_normals) import package::lib::sampling::sample_cosine;
-import package::lib::sampling::{sobol2, sobol4};
+import package::lib::sampling::{sample_cosine, sobol2, sobol4};
 import package::lib::surface::{SurfaceHit, surface_at};
 @if(dispersion) import package::lib::wavelength::{begin_wavelengths, carry};
 @if(negative_photons) import package::lib::surface::ray_behind;
@@ -186,17 +181,15 @@ fn arriving_flux(leaving: FluxRay, light: u32, found: SurfaceHit, distance: f32,
 
 // Maximum weight of a photon that arrives or is scattered. A surface bent by 20 degrees loses less than 0.2 % of a
 // diffuse light by it.
-@if(smooth_normals || normal_maps || coat_normals) const MAX_WEIGHT = 100.0;
+const MAX_WEIGHT = 100.0;
 
 // A direction above the triangle, with a density in proportion to its cosine.
-@if(smooth_normals || normal_maps || coat_normals)
 fn above_triangle(found: SurfaceHit, u: vec2f) -> vec3f {
     return basis(found.triangle_normal) * sample_cosine(u);
 }
 
 // Irradiance of the surface with its shading normal over that of the triangle, for light along the ray that found it
 // and a viewer in a random direction. Photons are looked up from all directions.
-@if(smooth_normals || normal_maps)
 fn arriving_ratio(found: SurfaceHit, u: vec2f) -> f32 {
     let light = found.surface.view;
     let seen = seen_from(found.surface, above_triangle(found, u));

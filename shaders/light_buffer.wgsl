@@ -10,11 +10,10 @@ import package::lib::bvh::triangle_corners;
 import package::lib::class_word::class_word;
 import package::lib::visible_point::load_point;
 import package::lib::constants::{
-    CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, INVALID_POINT, OCCLUDER_ANYTHING,
+    CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, OCCLUDER_ANYTHING,
     OCCLUDER_COUNT_BITS, OCCLUDER_LIGHT_BEHIND, OCCLUDER_LIGHT_IN_FRONT, OCCLUDER_POROUS, OCCLUDER_TRIANGLE_MASK
 };
-@if(dark_points) import package::lib::light::light_dark;
-import package::lib::light::BEYOND_SCENE;
+import package::lib::light::{BEYOND_SCENE, is_dark};
 import package::lib::math::oct_decode16;
 import package::lib::ray::offset_origin;
 @if(texture_loads) import package::lib::table::table_texel;
@@ -196,10 +195,8 @@ fn classify_by_buffer(
 fn word_of_candidate(candidate: u32) -> u32 {
     let local_light = candidate / light_buffer_pass.tile.point_count;
     let point = load_point(candidate - local_light * light_buffer_pass.tile.point_count);
-    if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     let light = light_buffer_pass.first_light + local_light;
-    let normal = oct_decode16(point.normal);
-    @if(dark_points) { if light_dark(light, point.position, normal) { return class_word(CLASS_DARK, 0u, 0u, 0.0); } }
-    let class_ = class_by_buffer(light, point.position, normal);
+    if is_dark(light, point) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
+    let class_ = class_by_buffer(light, point.position, oct_decode16(point.normal));
     return class_word(class_, 0u, 0u, select(0.0, 1.0, class_ == CLASS_LIT));
 }

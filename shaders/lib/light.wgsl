@@ -2,7 +2,7 @@
 // a file in lib/light/.
 
 import package::lib::constants::{
-    LIGHT_DIRECTIONAL, LIGHT_EMISSION_TEXEL, LIGHT_KIND_MASK, LIGHT_KIND_TEXEL, LIGHT_MESH, LIGHT_POINT,
+    INVALID_POINT, LIGHT_DIRECTIONAL, LIGHT_EMISSION_TEXEL, LIGHT_KIND_MASK, LIGHT_KIND_TEXEL, LIGHT_MESH, LIGHT_POINT,
     LIGHT_POSITION_TEXEL, LIGHT_SAMPLING_TEXEL, LIGHT_SPOT,
 };
 @if(mesh_lights) import package::lib::light::contour::mesh_form_factor;
@@ -20,6 +20,8 @@ import package::lib::light::table::{
     no_light_sample,
 };
 @if(environment) import package::lib::math::PI;
+import package::lib::math::oct_decode16;
+import package::lib::point::Point;
 import package::lib::ray::{Ray, offset_origin};
 import package::lib::rng::BELOW_ONE;
 
@@ -104,6 +106,13 @@ fn light_dark(light: u32, position: vec3f, normal: vec3f) -> bool {
     }
     @if(mesh_lights) { return mesh_dark(light, header, position, normal); }
     @else { return true; }
+}
+
+// Whether no light can arrive at a shading point, as `light_dark` finds, or there is no surface.
+fn is_dark(light: u32, point: Point) -> bool {
+    if point.normal == INVALID_POINT { return true; }
+    @if(dark_points) { return light_dark(light, point.position, oct_decode16(point.normal)); }
+    @else { return false; }
 }
 
 // ---- Potential

@@ -4,7 +4,7 @@
 
 import package::lib::math::{oct_decode16, oct_encode16};
 import package::lib::ray::Hit;
-@if(smooth_normals || normal_maps || coat_normals) import package::lib::shading_normal::bent_to;
+import package::lib::shading_normal::bent_to;
 @if(textures) import package::lib::attributes::uv_at;
 @if(textures) import package::lib::material::{material_flags, texture_info};
 @if(textures) import package::lib::texture::texture_at;
@@ -154,7 +154,6 @@ fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> 
 // The surface as a viewer in another direction on the same side sees it: with normals bent towards this viewer. Normals
 // that are bent already, to a viewer behind the unbent ones, stay so: light from that viewer's direction counts next to
 // nothing.
-@if(smooth_normals || normal_maps || coat_normals)
 fn seen_from(s: Surface, view: vec3f) -> Surface {
     var seen = s;
     seen.view = view;
@@ -164,7 +163,7 @@ fn seen_from(s: Surface, view: vec3f) -> Surface {
 }
 
 // The surface as a viewer on the other side sees it.
-@if((smooth_normals || normal_maps || coat_normals) && transmission)
+@if(transmission)
 fn seen_through(s: Surface, view: vec3f) -> Surface {
     var turned = s;
     turned.geometric_normal = -s.geometric_normal;
