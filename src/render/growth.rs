@@ -8,7 +8,7 @@ use super::denoise::RELMSE_FLOOR;
 /// samples for independent. But they are points of one low-discrepancy sequence, which avoid each other, so their parts
 /// differ by more than the mean errs. It was 0.31 / 0.72 = 0.43 in the crowd with 4 samples, and 0.55 / 0.67 = 0.82 in
 /// the sphere by `path` with 16 (docs/decisions.md, "Denoising").
-pub(super) const AVOIDANCE: f64 = 0.5;
+pub(super) const VARIANCE_RATIO: f64 = 0.5;
 
 /// The state at the last decision on gather rays: the image then, and the estimate of their error.
 #[derive(Clone)]
@@ -38,7 +38,7 @@ impl Growth {
     pub fn noise(&self, means: &[f32], samples: u32) -> f64 {
         let changes = means.iter().zip(&self.means).map(|(now, before)| relative_square(now - before, *now));
         let fewer = f64::from(self.samples);
-        AVOIDANCE * mean(changes) * fewer / (f64::from(samples) - fewer)
+        VARIANCE_RATIO * mean(changes) * fewer / (f64::from(samples) - fewer)
     }
 }
 
@@ -79,8 +79,8 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    /// The noise is that of the mean of all samples, earlier ones included, times AVOIDANCE: samples of a sequence have
-    /// less noise than the independent samples of this test.
+    /// The noise is that of the mean of all samples, earlier ones included, times VARIANCE_RATIO: samples of a sequence
+    /// have less noise than the independent samples of this test.
     #[test]
     fn noise_is_that_of_all_samples() {
         let mut random = Random(1);
@@ -91,7 +91,7 @@ mod tests {
             let before = sums.iter().map(|[a, _]| (a / f64::from(fewer)) as f32).collect();
             let now: Vec<f32> = sums.iter().map(|[a, b]| ((a + b) / f64::from(samples)) as f32).collect();
             let growth = Growth { samples: fewer, means: before, errors: None };
-            let expected = AVOIDANCE / 12.0 / 16.0 / f64::from(samples);
+            let expected = VARIANCE_RATIO / 12.0 / 16.0 / f64::from(samples);
             let found = growth.noise(&now, samples) / expected;
             // Squares of 20,000 pixels: a standard error of 1 %.
             assert!((found - 1.0).abs() < 0.05, "{fewer} of {samples}: {found}");

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use glam::{DVec3, DVec4};
 
-use super::growth::{AVOIDANCE, Growth, errors_of_rays, mean_error, wants_rays};
+use super::growth::{Growth, VARIANCE_RATIO, errors_of_rays, mean_error, wants_rays};
 use super::renderer::Renderer;
 use super::sample_allocation::SampleAllocation;
 use crate::Result;
@@ -107,7 +107,7 @@ impl Renderer<'_> {
         let (mut errors, first) = (None, self.view.stage);
         if let Some(growth) = self.sampling.growth.take() {
             let noise = match self.noise_of_samples()? {
-                Some(noise) => AVOIDANCE * noise,
+                Some(noise) => VARIANCE_RATIO * noise,
                 None => growth.noise(&means, self.sampling.samples),
             };
             errors = growth.errors;

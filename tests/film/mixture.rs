@@ -1,7 +1,7 @@
 //! The mixture of a raw image and denoised ones, on made-up images whose errors are known.
 
 use penumbra::internal::render::denoise::Colour;
-use penumbra::internal::render::denoise::mixture::{Candidate, Mixed, Raw, alone, mix};
+use penumbra::internal::render::denoise::mixture::{FilteredImages, Mixed, Raw, alone, mix};
 
 use crate::random::{Random, RandomInput as _};
 
@@ -39,8 +39,8 @@ impl Versions {
         Versions { all: mean(&a, &b), halves: [a, b] }
     }
 
-    fn candidate(&self) -> Candidate<'_> {
-        Candidate { all: &self.all, halves: self.halves.each_ref().map(Vec::as_slice) }
+    fn filtered(&self) -> FilteredImages<'_> {
+        FilteredImages { all: &self.all, halves: self.halves.each_ref().map(Vec::as_slice) }
     }
 }
 
@@ -59,8 +59,8 @@ fn raw(versions: &Versions, size: [u32; 2]) -> Raw<'_> {
 
 /// The mixture of images of [`SIZE`].
 fn mixture(own: &Versions, denoised: &[&Versions]) -> Mixed {
-    let candidates: Vec<Candidate> = denoised.iter().map(|versions| versions.candidate()).collect();
-    mix(&raw(own, SIZE), &candidates)
+    let filtered: Vec<FilteredImages> = denoised.iter().map(|versions| versions.filtered()).collect();
+    mix(&raw(own, SIZE), &filtered)
 }
 
 /// Mean squared error against the truth.
@@ -123,7 +123,7 @@ fn a_biased_denoiser_is_mixed_by_its_error() {
     assert!(is_near(error(&mixed.colour), expected) && is_near(estimate(&mixed), expected), "{}", estimate(&mixed));
 
     // Alone it keeps its bias, and the estimate includes it.
-    let alone = alone(&raw(&own, SIZE), &biased.candidate());
+    let alone = alone(&raw(&own, SIZE), &biased.filtered());
     assert_eq!(alone.colour, biased.all);
     assert!(is_near(estimate(&alone), NOISE * NOISE), "{}", estimate(&alone));
 }
@@ -134,7 +134,7 @@ fn the_error_of_all_samples_is_estimated_from_their_halves() {
     let own = Versions::noisy(0.0, NOISE, 4);
     for (offset, noise) in [(0.0, 0.1), (0.05, 0.05), (0.1, 0.0)] {
         let denoised = Versions::noisy(offset, noise, 5);
-        let alone = alone(&raw(&own, SIZE), &denoised.candidate());
+        let alone = alone(&raw(&own, SIZE), &denoised.filtered());
         let (found, expected) = (estimate(&alone), error(&denoised.all));
         // Bias is what is left of much more noise.
         assert!(found < 1.5 * expected && found > expected / 1.5, "{found} for {expected}");
@@ -149,7 +149,7 @@ fn errors_of_saturated_colours_are_those_of_their_channels() {
     let tinted = |image: Vec<Colour>| image.into_iter().map(|x| [0, 1, 2].map(|c| tint[c] * x[c])).collect::<Vec<_>>();
     let of = |versions: Versions| Versions { all: tinted(versions.all), halves: versions.halves.map(tinted) };
     let (own, denoised) = (of(Versions::noisy(0.0, NOISE, 14)), of(Versions::noisy(0.1, 0.1, 15)));
-    let stated = alone(&raw(&own, SIZE), &denoised.candidate());
+    let stated = alone(&raw(&own, SIZE), &denoised.filtered());
     for c in 0..3 {
         let square = |x: f32, truth: f32| (f64::from(x) - f64::from(truth)).powi(2);
         let expected: f64 = denoised.all.iter().map(|x| square(x[c], TRUTH * tint[c])).sum();
@@ -175,7 +175,7 @@ fn the_error_stays_where_the_noise_is() {
         halves: versions.halves.each_ref().map(|half| half_exact(half)),
     };
     let (own, denoised) = (of(&own), of(&denoised));
-    let stated = alone(&raw(&own, SIZE), &denoised.candidate());
+    let stated = alone(&raw(&own, SIZE), &denoised.filtered());
     // Immediate neighbourhoods end after two pixels.
     let exact = |(i, _): &(usize, &Colour)| i % (SIZE[0] as usize) < 38;
     assert!(stated.error.iter().enumerate().filter(exact).all(|(_, error)| *error == [0.0; 3]));
@@ -198,13 +198,13 @@ fn the_error_of_stratified_samples_is_not_that_of_independent_ones() {
     let [a, b] = [half(1.0), half(-1.0)];
     let own = Versions { all: mean(&a, &b), halves: [a, b] };
     let stratified = Raw { ratios: &[0.1; pixels(SIZE)], ..raw(&own, SIZE) };
-    let kept = alone(&stratified, &own.candidate());
+    let kept = alone(&stratified, &own.filtered());
     assert!(is_near(estimate(&kept), error(&own.all)), "{} for {}", estimate(&kept), error(&own.all));
-    let planted = alone(&raw(&own, SIZE), &own.candidate());
+    let planted = alone(&raw(&own, SIZE), &own.filtered());
     assert!(!is_near(estimate(&planted), error(&own.all)), "independent samples");
     // An image without noise has no noise to avoid.
     let truth = Versions::of([TRUTH; 3], pixels(SIZE));
-    assert!(estimate(&alone(&stratified, &truth.candidate())) < 0.02 * error(&own.all));
+    assert!(estimate(&alone(&stratified, &truth.filtered())) < 0.02 * error(&own.all));
 }
 
 #[test]
@@ -263,8 +263,8 @@ fn images_without_light_or_with_much_of_it_stay_finite() {
             let half = |x: f32| vec![[x, 0.0, x]; count];
             let own = Versions { all: half(a / 2.0 + b / 2.0), halves: [half(a), half(b)] };
             let other = Versions::of([denoised; 3], count);
-            let candidates = [other.candidate(), other.candidate()];
-            let mixed = mix(&raw(&own, size), &candidates);
+            let filtered = [other.filtered(), other.filtered()];
+            let mixed = mix(&raw(&own, size), &filtered);
             assert_eq!((mixed.colour.len(), mixed.error.len()), (count, count));
             let finite = mixed.colour.iter().chain(&mixed.error).flatten().all(|x| x.is_finite());
             assert!(finite, "{size:?} of {values:?}: {:?} {:?}", mixed.colour[0], mixed.error[0]);

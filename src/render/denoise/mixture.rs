@@ -25,12 +25,12 @@ const NEAR: usize = 1;
 /// against the raw image fall to this part.
 const ODDS_OF_ALL: f64 = 0.5;
 
-/// How strongly the halves avoid each other, because their samples are points of one sequence: minus the covariance of
-/// their noise over half of the mean square of their difference. This is the value at 4 samples where they are
+/// How strongly the noise of the halves is anticorrelated, because their samples are points of one sequence: minus its
+/// covariance over half of the mean square of their difference. This is the value at 4 samples where they are
 /// stratified perfectly; it falls with the fourth root of their number. Measured with references in three scenes by two
 /// techniques: 0.12 to 0.31 at 4 samples, 0.04 to 0.27 at 16, 0 to 0.2 at 256, and larger where the ratio
 /// (`Raw::ratios`) is smaller.
-const AVOIDANCE: f64 = 0.35;
+const ANTICORRELATION: f64 = 0.35;
 
 /// The raw image.
 pub struct Raw<'a> {
@@ -46,8 +46,8 @@ pub struct Raw<'a> {
     pub ratios: &'a [f32],
 }
 
-/// A raw image after one denoiser.
-pub struct Candidate<'a> {
+/// The raw images after one denoiser.
+pub struct FilteredImages<'a> {
     /// The filtered image of all samples.
     pub all: &'a [Colour],
     /// The filtered images of the halves.
@@ -62,15 +62,15 @@ pub struct Mixed {
     pub error: Vec<Colour>,
 }
 
-/// The candidates of filters that were given halves; `None` if one was not.
-pub(super) fn candidates(filtered: &[Filtered]) -> Option<Vec<Candidate<'_>>> {
-    filtered.iter().map(Candidate::of).collect()
+/// The images of filters that were given halves; `None` if one was not.
+pub(super) fn filtered_images(filtered: &[Filtered]) -> Option<Vec<FilteredImages<'_>>> {
+    filtered.iter().map(FilteredImages::of).collect()
 }
 
-impl<'a> Candidate<'a> {
-    fn of(filtered: &'a Filtered) -> Option<Candidate<'a>> {
+impl<'a> FilteredImages<'a> {
+    fn of(filtered: &'a Filtered) -> Option<FilteredImages<'a>> {
         let halves = filtered.halves.as_ref()?.each_ref().map(Vec::as_slice);
-        Some(Candidate { all: &filtered.all, halves })
+        Some(FilteredImages { all: &filtered.all, halves })
     }
 
     /// Its half and the raw half, for [`Regions::products`], which takes their difference.
@@ -79,22 +79,22 @@ impl<'a> Candidate<'a> {
     }
 }
 
-/// The mixture of the raw image and the candidates. There must be at least one candidate.
-pub fn mix(raw: &Raw<'_>, candidates: &[Candidate<'_>]) -> Mixed {
-    let regions = Regions::new(raw.size, candidates);
-    let equations = Equations::new(raw, candidates, &regions);
+/// The mixture of the raw image and the filtered ones. There must be at least one filter.
+pub fn mix(raw: &Raw<'_>, filtered: &[FilteredImages<'_>]) -> Mixed {
+    let regions = Regions::new(raw.size, filtered);
+    let equations = Equations::new(raw, filtered, &regions);
     let weights = (0..raw.all.len()).into_par_iter().flat_map_iter(|pixel| equations.solve(pixel)).collect();
-    mixed(raw, candidates, weights, &regions)
+    mixed(raw, filtered, weights, &regions)
 }
 
-/// The candidate as it is, with its estimated error.
-pub fn alone(raw: &Raw<'_>, candidate: &Candidate<'_>) -> Mixed {
-    let candidates = std::slice::from_ref(candidate);
-    mixed(raw, candidates, vec![1.0; raw.all.len()], &Regions::new(raw.size, candidates))
+/// The filtered image as it is, with its estimated error.
+pub fn alone(raw: &Raw<'_>, filtered: &FilteredImages<'_>) -> Mixed {
+    let filtered = std::slice::from_ref(filtered);
+    mixed(raw, filtered, vec![1.0; raw.all.len()], &Regions::new(raw.size, filtered))
 }
 
-/// The mixture with the given weights, of all candidates for each pixel, and its error.
-fn mixed(raw: &Raw<'_>, candidates: &[Candidate<'_>], weights: Vec<f64>, regions: &Regions) -> Mixed {
+/// The mixture with the given weights, of all filters for each pixel, and its error.
+fn mixed(raw: &Raw<'_>, filtered: &[FilteredImages<'_>], weights: Vec<f64>, regions: &Regions) -> Mixed {
     let of = |raw: &[Colour], images: Vec<&[Colour]>| -> Vec<Colour> {
         let pixel = |(i, weights): (usize, &[f64])| {
             [0, 1, 2].map(|c| {
@@ -105,8 +105,8 @@ fn mixed(raw: &Raw<'_>, candidates: &[Candidate<'_>], weights: Vec<f64>, regions
         };
         weights.par_chunks(images.len()).enumerate().map(pixel).collect()
     };
-    let colour = of(raw.all, candidates.iter().map(|candidate| candidate.all).collect());
-    let half = |half: usize| of(raw.halves[half], candidates.iter().map(|candidate| candidate.halves[half]).collect());
+    let colour = of(raw.all, filtered.iter().map(|images| images.all).collect());
+    let half = |half: usize| of(raw.halves[half], filtered.iter().map(|images| images.halves[half]).collect());
     Mixed { error: regions.errors(raw, [&half(0), &half(1)]), colour }
 }
 
@@ -118,16 +118,16 @@ struct Regions {
 }
 
 impl Regions {
-    /// Weights by what the candidates make of the pixels, which has little noise.
-    fn new(size: [u32; 2], candidates: &[Candidate<'_>]) -> Regions {
-        let count = candidates.len() as f64;
+    /// Weights by what the filters make of the pixels, which has little noise.
+    fn new(size: [u32; 2], filtered: &[FilteredImages<'_>]) -> Regions {
+        let count = filtered.len() as f64;
         let pixel = |i: usize| {
             [0, 1, 2].map(|c| {
-                let mean = candidates.iter().map(|candidate| f64::from(candidate.all[i][c])).sum::<f64>() / count;
+                let mean = filtered.iter().map(|images| f64::from(images.all[i][c])).sum::<f64>() / count;
                 1.0 / (mean * mean + RELMSE_FLOOR)
             })
         };
-        Regions { size, scale: (0..candidates[0].all.len()).into_par_iter().map(pixel).collect() }
+        Regions { size, scale: (0..filtered[0].all.len()).into_par_iter().map(pixel).collect() }
     }
 
     /// Weighted means of the products of the differences `a` - `b` and `c` - `d` over the regions around all pixels.
@@ -163,7 +163,7 @@ impl Regions {
         let [count_a, count_b] = raw.half_samples.map(f64::from);
         // The variance of a mean over the mean squared difference of the means of its halves.
         let share = count_a * count_b / (count_a + count_b).powi(2);
-        let avoidance = AVOIDANCE * (4.0 / (count_a + count_b)).powf(0.25);
+        let anticorrelation = ANTICORRELATION * (4.0 / (count_a + count_b)).powf(0.25);
         let pixel = |i: usize| {
             // The squared error of a half is its squared bias plus its variance. All samples have less of the latter.
             let of_all = across.iter().map(|across| across.means[i]).sum::<f64>();
@@ -171,7 +171,7 @@ impl Regions {
             // Where noise remains that avoids the noise of the other half, the halves' difference has more noise than
             // their mean. A filtered image without noise seems less biased than it is, but with few samples there is no
             // estimate by how much.
-            let avoided = avoidance * (1.0 - f64::from(raw.ratios[i])) * (noise[i] / 2.0 - lost_a[i] - lost_b[i]);
+            let avoided = anticorrelation * (1.0 - f64::from(raw.ratios[i])) * (noise[i] / 2.0 - lost_a[i] - lost_b[i]);
             let variance = share * own[i];
             let relative = (bias.max(0.0) + variance - avoided.max(0.0)).max(variance / 2.0);
             // Pixels and channels have the shares that they have in the differences. An estimate for each alone would
@@ -183,30 +183,30 @@ impl Regions {
     }
 }
 
-/// Equations for the weights of the candidates at each pixel, with A and B the raw halves and D1, D2, ... the
-/// candidates' halves. They minimise the mean square of w1 (D1 - A) + w2 (D2 - A) + ... - (B - A), averaged over both
+/// Equations for the weights of the filtered images at each pixel, with A and B the raw halves and D1, D2, ... the
+/// filtered halves. They minimise the mean square of w1 (D1 - A) + w2 (D2 - A) + ... - (B - A), averaged over both
 /// halves A.
 struct Equations {
-    /// Products of two candidates' differences from the raw image.
+    /// Products of two filtered images' differences from the raw image.
     squares: Vec<Vec<Vec<f64>>>,
-    /// Products of a candidate's difference and the other half's difference from the raw half.
+    /// Products of a filtered image's difference and the other half's difference from the raw half.
     right: Vec<Vec<f64>>,
 }
 
 impl Equations {
-    fn new(raw: &Raw<'_>, candidates: &[Candidate<'_>], regions: &Regions) -> Equations {
+    fn new(raw: &Raw<'_>, filtered: &[FilteredImages<'_>], regions: &Regions) -> Equations {
         let over_halves = |of: &dyn Fn(usize) -> Vec<f64>| -> Vec<f64> {
             of(0).into_iter().zip(of(1)).map(|(first, second)| first + second).collect()
         };
-        let right = |k: &Candidate<'_>| {
+        let right = |k: &FilteredImages<'_>| {
             over_halves(&|half| regions.products(k.difference(raw, half), [raw.halves[1 - half], raw.halves[half]]))
         };
-        let square = |k: &Candidate<'_>, l: &Candidate<'_>| {
+        let square = |k: &FilteredImages<'_>, l: &FilteredImages<'_>| {
             over_halves(&|half| regions.products(k.difference(raw, half), l.difference(raw, half)))
         };
         Equations {
-            squares: candidates.iter().map(|k| candidates.iter().map(|l| square(k, l)).collect()).collect(),
-            right: candidates.iter().map(right).collect(),
+            squares: filtered.iter().map(|k| filtered.iter().map(|l| square(k, l)).collect()).collect(),
+            right: filtered.iter().map(right).collect(),
         }
     }
 
@@ -214,7 +214,7 @@ impl Equations {
     fn solve(&self, pixel: usize) -> Vec<f64> {
         let count = self.right.len();
         let mut best = (0.0, vec![0.0; count]);
-        // The minimum uses some of the candidates, either within the bounds or with weights of sum 1.
+        // The minimum uses some of the filters, either within the bounds or with weights of sum 1.
         for members in 1u32..1 << count {
             let members: Vec<usize> = (0..count).filter(|k| members >> k & 1 == 1).collect();
             for is_whole in [false, true] {
@@ -241,8 +241,8 @@ impl Equations {
         weights.iter().enumerate().map(row).sum()
     }
 
-    /// The best weights of some candidates regardless of bounds; their sum is 1 if `is_whole`. `None` if they are not
-    /// determined, because the candidates are the same or the raw image itself.
+    /// The best weights of some filters regardless of bounds; their sum is 1 if `is_whole`. `None` if they are not
+    /// determined, because their images are the same or the raw image itself.
     fn minimum(&self, pixel: usize, members: &[usize], is_whole: bool) -> Option<Vec<f64>> {
         let mut rows: Vec<Vec<f64>> = members
             .iter()

@@ -233,8 +233,7 @@ impl Denoiser {
             }
         }
         let Some(Filtered { all, .. }) = filtered.first() else { return Ok(None) };
-        let candidates = mixture::candidates(&filtered);
-        let (Some(halves), Some(candidates)) = (&halves, candidates) else {
+        let (Some(halves), Some(filtered)) = (&halves, mixture::filtered_images(&filtered)) else {
             // Without halves, errors cannot be estimated.
             return Ok(Some(Denoised { colour: all.clone(), error: None }));
         };
@@ -244,9 +243,9 @@ impl Denoiser {
         let ratios = stratification::ratios(size, &variance, halves, half_samples);
         let raw = mixture::Raw { size, all: &raw, halves, half_samples, ratios: &ratios };
         let mut mixed = if self.choice == Denoise::Auto {
-            mixture::mix(&raw, &candidates)
+            mixture::mix(&raw, &filtered)
         } else {
-            mixture::alone(&raw, &candidates[0])
+            mixture::alone(&raw, &filtered[0])
         };
         // Clean pixels were not filtered: their error is that of their own samples, not that of their region.
         for (i, error) in mixed.error.iter_mut().enumerate().filter(|(i, _)| noisy.is_clean[*i]) {
