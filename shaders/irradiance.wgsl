@@ -12,7 +12,7 @@ import package::lib::packet::{no_ray, trace_closest_together};
 import package::kit::group_index;
 import package::lib::irradiance::{IRRADIANCE_TEXELS, NO_ESTIMATE, encode_disc};
 import package::lib::grid::{
-    COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, expected_reach, load_photon,
+    COMPATIBLE_COSINE_SQUARED, GridShape, OFFSET_WEIGHT, cell_of, counted_distance, expected_reach, load_photon,
     point_ball, row_photons, rows_about
 };
 @if(!(photon_map || caustics)) import package::lib::math::{PI, basis, circle_point, is_finite3};
@@ -441,7 +441,7 @@ fn trace_probes(disc: ProbedDisc, lane: u32) -> ProbeHits {
 // as the search ellipsoid; or the ray down from there, through the ellipsoid.
 fn probe_ray(disc: ProbedDisc, probe: u32, is_down: bool, origin: vec3f) -> Ray {
     // Half the height of the ellipsoid at its centre, and at this sample.
-    let height = disc.radius * inverseSqrt(1.0 + NORMAL_STRETCH);
+    let height = disc.radius * inverseSqrt(1.0 + OFFSET_WEIGHT);
     let reach = height * sqrt(1.0 - part_of_disc(probe));
     let above = disc.position + probe_on_disc(disc, probe) + height * disc.normal;
     if !is_down { return Ray(origin, 0.0, above - origin, 1.0); }

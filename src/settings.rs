@@ -309,7 +309,7 @@ impl Settings {
     /// Whether the shadow rays of earlier samples decide where the map does not. This is false for a single sample, if
     /// the image shows the classes by photons, and if photons alone must decide.
     pub(crate) fn learns_from_shadow_rays(&self) -> bool {
-        self.image.spp > 1 && !self.shows_photons()
+        self.image.spp > 1 && !self.image_depends_on_photons()
     }
 
     /// Whether visibility photons are on trial: the number is not set, and samples can show whether they save time.
@@ -319,7 +319,7 @@ impl Settings {
 
     /// Whether the number of visibility photons affects more than noise: photons alone decide, or the image shows the
     /// classes that they give. Also true for techniques other than `shadow-photons`.
-    pub(crate) fn shows_photons(&self) -> bool {
+    pub(crate) fn image_depends_on_photons(&self) -> bool {
         let map = &self.visibility_map;
         let shown = self.image.aovs.contains(&Aov::Shadow);
         let photons_alone = map.audit == 0.0 || map.paper_counting || !map.fine_cells || self.image.piece.is_some();
@@ -339,7 +339,7 @@ impl Settings {
     /// single sample.
     pub fn photons_per_light(&self) -> u32 {
         let most = if self.learns_from_shadow_rays() { LEARNING_PHOTONS } else { MAP_PHOTONS };
-        let default = match self.shows_photons() {
+        let default = match self.image_depends_on_photons() {
             true => MAP_PHOTONS,
             false => {
                 (self.shadow_rays_to_a_light() / RAYS_PER_PHOTON).clamp(u64::from(MIN_PHOTONS), u64::from(most)) as u32

@@ -352,7 +352,7 @@ fn hit_normal(hit: Hit) -> vec3f {
 
 // Whether a hit that is no farther than another comes before it: the nearer one does, or at the same distance the one
 // of the lower primitive index. Callers compare the distances too (`within`).
-fn before(hit: Hit, other: Hit) -> bool {
+fn precedes(hit: Hit, other: Hit) -> bool {
     return hit.t < other.t || hit.triangle < other.triangle;
 }
 
@@ -366,7 +366,7 @@ fn trace_closest(ray: Ray, sample: RaySample) -> Hit {
             let primitive = next_triangle(&traversal, closest.t);
             if primitive != NO_HIT {
                 let hit = intersect_primitive(&traversal, primitive);
-                if before(hit, closest) && within(hit, ray.t_min, closest.t) { closest = hit; }
+                if precedes(hit, closest) && within(hit, ray.t_min, closest.t) { closest = hit; }
             }
         }
     }
@@ -380,7 +380,7 @@ fn trace_closest(ray: Ray, sample: RaySample) -> Hit {
                 let primitive = next_triangle(&traversal, closest.t);
                 if primitive != NO_HIT {
                     let hit = intersect_primitive(&traversal, primitive);
-                    if before(hit, closest) && within(hit, ray.t_min, closest.t) {
+                    if precedes(hit, closest) && within(hit, ray.t_min, closest.t) {
                         if has_alpha_test(hit) { undecided = hit; } else { closest = hit; }
                     }
                 }

@@ -10,7 +10,7 @@
 import package::lib::cell_class::{CellClass, VISIBILITY_STEPS, decode_cell_class, encode_cell_class};
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN};
 import package::lib::grid::{
-    COMPATIBLE_COSINE_SQUARED, FAR, FIRST_REACH, GridShape, MAX_REACH, NORMAL_STRETCH, SearchBall, cell_centre,
+    COMPATIBLE_COSINE_SQUARED, FAR, FIRST_REACH, GridShape, MAX_REACH, OFFSET_WEIGHT, SearchBall, cell_centre,
     expected_reach, load_photon, nearest, row_photons, rows_about
 };
 import package::lib::math::{oct_decode7, oct_within7, safe_sqrt};
@@ -136,8 +136,8 @@ fn distance_bounds(photon: vec4u, extent: Extent) -> DistanceBounds {
     // Margins for the rounding of both distances, this one's and the query's. Coordinates of up to 1 are rounded by
     // 6e-8, which is less than 1.5e-4 of any distance above 4e-4; cells are wider, and k photons seldom nearer.
     return DistanceBounds(
-        select(FAR, 0.9997 * (dot(min_offset, min_offset) + NORMAL_STRETCH * min_along * min_along), may_count),
-        select(FAR, 1.0003 * (max_squared + NORMAL_STRETCH * max_along * max_along), counts_surely),
+        select(FAR, 0.9997 * (dot(min_offset, min_offset) + OFFSET_WEIGHT * min_along * min_along), may_count),
+        select(FAR, 1.0003 * (max_squared + OFFSET_WEIGHT * max_along * max_along), counts_surely),
     );
 }
 

@@ -24,10 +24,10 @@ struct GridShape {
 @if(texture_loads) @group(1) @binding(14) var cell_starts: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(14) var<storage, read> cell_starts: array<vec4u>;
 
-// Weight of the squared offset along the normal, added to the squared distance: an offset along the normal counts four
-// times.
-@if(!paper_counting) const NORMAL_STRETCH = f32(NORMAL_OFFSET_WEIGHT);
-@if(paper_counting) const NORMAL_STRETCH = 0.0;
+// Weight of the squared offset along the normal in the distance that ranks photons. The paper's ranks them by their
+// distance alone.
+@if(!paper_counting) const OFFSET_WEIGHT = f32(NORMAL_OFFSET_WEIGHT);
+@if(paper_counting) const OFFSET_WEIGHT = 0.0;
 // Photons whose normals differ by more than 45 degrees belong to another surface.
 const COMPATIBLE_COSINE_SQUARED = 0.5;
 
@@ -58,7 +58,7 @@ fn compatible(word: u32, normal: vec3f) -> bool {
 fn counted_distance(photon: vec4u, position: vec3f, normal: vec3f) -> f32 {
     let v = bitcast<vec3f>(photon.xyz) - position;
     let along = dot(v, normal);
-    return select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible(photon.w, normal));
+    return select(FAR, dot(v, v) + OFFSET_WEIGHT * along * along, compatible(photon.w, normal));
 }
 
 fn cell_of(grid: GridShape, position: vec3f) -> vec3u {
@@ -108,11 +108,11 @@ fn point_ball(centre: vec3f, reach: f32, normal: vec3f) -> SearchBall {
 }
 
 // Half the size of the box around the ellipsoid |v|^2 + w (v . n)^2 <= reach^2, for all n within `tilt` of `normal`,
-// where w is NORMAL_STRETCH. The ellipsoid's matrix is I + w n n^T, its inverse I - w / (1 + w) n n^T.
+// where w is OFFSET_WEIGHT. The ellipsoid's matrix is I + w n n^T, its inverse I - w / (1 + w) n n^T.
 fn reach_box(reach: f32, normal: vec3f, tilt: f32) -> vec3f {
     @if(paper_counting) { return vec3f(reach); }
     let along = max(abs(normal) - tilt, vec3f(0.0));
-    return reach * sqrt(vec3f(1.0) - NORMAL_STRETCH / (1.0 + NORMAL_STRETCH) * along * along);
+    return reach * sqrt(vec3f(1.0) - OFFSET_WEIGHT / (1.0 + OFFSET_WEIGHT) * along * along);
 }
 
 // The rows of cells along x that the volume may touch: first and last (y, z).
@@ -142,7 +142,7 @@ fn row_photons(grid: GridShape, light: u32, row: vec2i, ball: SearchBall) -> vec
 
 // The part of a row near the tangent plane of the query: a photon farther from it than this share of the reach cannot
 // count.
-@if(!paper_counting) const MAX_OFFSET = 1.0 / sqrt(1.0 + NORMAL_STRETCH);
+@if(!paper_counting) const MAX_OFFSET = 1.0 / sqrt(1.0 + OFFSET_WEIGHT);
 @if(!paper_counting)
 fn clip_to_plane(ends: vec2f, row_low: vec2f, ball: SearchBall) -> vec2f {
     // Photon and query both lie in boxes. The part of their offset along the normal that comes from y and z has this

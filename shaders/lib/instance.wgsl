@@ -1,20 +1,20 @@
 // Instances: copies of meshes that are stored once (src/bvh/instanced.rs). Rays are moved to the mesh's space, and what
 // they hit is moved back.
 // In: primitive indices; each triangle of each instance has its own (`InstanceTable` in src/bvh/instance_table.rs).
-// Triangles below `flat_count` belong to no shared mesh, and are stored as they are.
+// Triangles below `unshared_count` belong to no shared mesh, and are stored as they are.
 
 import package::lib::bvh_triangles::triangle_texel;
 import package::lib::constants::{BVH_TRIANGLE_TEXELS, INSTANCE_TEXELS};
 import package::lib::ray::Ray;
 
 @if(instances) override instance_base: u32;
-@if(instances) override flat_count: u32;
+@if(instances) override unshared_count: u32;
 @if(instances) override instance_shift: u32;
 
 // The first texel of the instance of a triangle.
 @if(instances)
 fn instance_texel_of(primitive: u32) -> u32 {
-    let number = select(0u, (primitive - flat_count) >> instance_shift, primitive >= flat_count);
+    let number = select(0u, (primitive - unshared_count) >> instance_shift, primitive >= unshared_count);
     return instance_base + INSTANCE_TEXELS * number;
 }
 
@@ -22,7 +22,7 @@ fn instance_texel_of(primitive: u32) -> u32 {
 @if(instances)
 fn stored_triangle(primitive: u32) -> u32 {
     let offset = bitcast<u32>(triangle_texel(instance_texel_of(primitive) + 3u).y);
-    return select(primitive, primitive - offset, primitive >= flat_count);
+    return select(primitive, primitive - offset, primitive >= unshared_count);
 }
 
 // An instance that a ray enters.
@@ -67,7 +67,7 @@ fn stored_corners(stored: u32) -> array<vec3f, 3> {
 @if(instances)
 fn placed_corners(primitive: u32) -> array<vec3f, 3> {
     var corners = stored_corners(stored_triangle(primitive));
-    if primitive >= flat_count {
+    if primitive >= unshared_count {
         let at = instance_texel_of(primitive) + 4u;
         let rows = array(triangle_texel(at), triangle_texel(at + 1u), triangle_texel(at + 2u));
         for (var i = 0u; i < 3u; i++) {
@@ -86,7 +86,7 @@ fn placed_normal(primitive: u32, normal: vec3f) -> vec3f {
     // The transpose of the inverse.
     let across = normal.x * triangle_texel(at).xyz + normal.y * triangle_texel(at + 1u).xyz
         + normal.z * triangle_texel(at + 2u).xyz;
-    return select(normal, normalize(across), primitive >= flat_count);
+    return select(normal, normalize(across), primitive >= unshared_count);
 }
 
 // The unit tangent in the scene of a tangent of the triangle's mesh.
@@ -95,5 +95,5 @@ fn placed_tangent(primitive: u32, tangent: vec3f) -> vec3f {
     let at = instance_texel_of(primitive) + 4u;
     let rows = array(triangle_texel(at).xyz, triangle_texel(at + 1u).xyz, triangle_texel(at + 2u).xyz);
     let along = vec3f(dot(rows[0], tangent), dot(rows[1], tangent), dot(rows[2], tangent));
-    return select(tangent, normalize(along), primitive >= flat_count);
+    return select(tangent, normalize(along), primitive >= unshared_count);
 }

@@ -16,7 +16,7 @@ import package::lib::bvh::{trace_closest, trace_occluded};
 @if(!packets) import package::lib::bvh::{Traversal, begin_traversal, intersect_primitive, next_triangle};
 @if(!packets) import package::lib::ray::NO_HIT;
 @if(packets) import package::lib::ray::{NO_HIT, ShearedRay, intersect_triangle, nonzero_direction, shear_ray};
-@if(packets) import package::lib::bvh::{NO_ENTRY, NO_KEY, ONE_TRIANGLE, before};
+@if(packets) import package::lib::bvh::{NO_ENTRY, NO_KEY, ONE_TRIANGLE, precedes};
 @if(packets) import package::lib::bvh_triangles::triangle_texel;
 @if(!packets || !alpha_test) import package::lib::bvh::MAX_ITERATIONS;
 @if(packets) import package::lib::bvh::{
@@ -221,7 +221,7 @@ fn test_triangle(found: ptr<function, Found>, ray: Ray, sheared: ShearedRay, tes
     let closest = (*found).closest;
     let met = intersect_triangle(sheared, tested.corners[0], tested.corners[1], tested.corners[2]);
     let hit = Hit(met.x, met.y, met.z, tested.primitive);
-    let stopped = tested.is_triangle && before(hit, closest) && within(hit, ray.t_min, closest.t);
+    let stopped = tested.is_triangle && precedes(hit, closest) && within(hit, ray.t_min, closest.t);
     @if(!alpha_test) { if stopped { keep_hit(found, hit, any_hit); } }
     @if(alpha_test) {
         if stopped {

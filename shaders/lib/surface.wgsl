@@ -174,12 +174,26 @@ fn with_normal_map(material: u32, texel: vec3f, hit: Hit, normal: vec3f, front: 
     return mapped_normal(hit, texel, scale, normal, front);
 }
 
+// The surface without lobes: its view and its normals.
+fn bare_surface(smoothed: SmoothSurface, view: vec3f, material: u32, context: HitContext) -> Surface {
+    var bare: Surface;
+    bare.geometric_normal = smoothed.geometric_normal;
+    bare.shading_normal = smoothed.shading_normal;
+    bare.view = view;
+    @if(normal_maps && textures) {
+        let texel = context.factors.normal;
+        bare.shading_normal = with_normal_map(material, texel, context.hit, bare.shading_normal, context.front);
+    }
+    @if(smooth_normals || normal_maps) { bare.shading_normal = bent_to(bare.shading_normal, view); }
+    return bare;
+}
+
 // The surface at a hit. The normals face the ray's origin.
 fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     let met = met_at(hit, ray);
     let front = dot(met.outward, ray.direction) <= 0.0;
     let triangle_normal = select(-met.outward, met.outward, front);
-    let smooth_one = smooth_surface(met, hit, triangle_normal, front);
+    let smoothed = smooth_surface(met, hit, triangle_normal, front);
     let material = material_at(material_index(met.texel.w));
     let flags = material_flags(material);
     let emission = bitcast<vec4f>(load_material_texel(material + EMISSION_TEXEL));
@@ -188,11 +202,11 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     context.hit = hit;
     context.front = front;
     @if(glossy) { context.metallic = emission.w; }
-    context.unmapped_normal = smooth_one.shading_normal;
+    context.unmapped_normal = smoothed.shading_normal;
     @if(textures) { context.factors = texture_factors(material, hit); }
 
     var found: SurfaceHit;
-    found.position = smooth_one.position;
+    found.position = smoothed.position;
     @if(procedurals) {
         if met.procedural { found.position += procedural_clearance(hit.triangle) * triangle_normal; }
     }
@@ -205,14 +219,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
         found.emission *= context.factors.emission;
     }
 
-    var bare: Surface;
-    bare.geometric_normal = smooth_one.geometric_normal;
-    bare.shading_normal = smooth_one.shading_normal;
-    bare.view = -ray.direction;
-    @if(normal_maps && textures) {
-        bare.shading_normal = with_normal_map(material, context.factors.normal, hit, bare.shading_normal, front);
-    }
-    @if(smooth_normals || normal_maps) { bare.shading_normal = bent_to(bare.shading_normal, bare.view); }
+    let bare = bare_surface(smoothed, -ray.direction, material, context);
     found.surface = add_lobes(bare, material, found.base_colour, context);
     @if(transmission) {
         found.transmittance = vec3f(1.0);

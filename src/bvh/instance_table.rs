@@ -10,13 +10,13 @@
 pub(crate) const INSTANCE_TEXELS: u32 = 7;
 
 /// Where kernels find instances. They give a triangle of instance i the primitive index
-/// `flat + (i << shift) + index within the mesh`. Below `flat` are the triangles that belong to no shared mesh.
+/// `unshared + (i << shift) + index within the mesh`. Below `unshared` are the triangles that belong to no shared mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InstanceTable {
     /// The first texel of the instances in [`Bvh::triangles`](super::Bvh::triangles).
     pub base: u32,
     /// Number of triangles that belong to no shared mesh.
-    pub flat: u32,
+    pub unshared: u32,
     /// Bits of the index within a mesh.
     pub shift: u32,
 }
@@ -24,7 +24,8 @@ pub struct InstanceTable {
 impl InstanceTable {
     /// The `override`s of the kernels that trace instances.
     pub fn constants(&self) -> [(&'static str, f64); 3] {
-        let InstanceTable { base, flat, shift } = *self;
-        [("instance_base", base), ("flat_count", flat), ("instance_shift", shift)].map(|(name, n)| (name, f64::from(n)))
+        let InstanceTable { base, unshared, shift } = *self;
+        [("instance_base", base), ("unshared_count", unshared), ("instance_shift", shift)]
+            .map(|(name, n)| (name, f64::from(n)))
     }
 }

@@ -6,7 +6,7 @@ use glam::{DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
 use super::aabb::Aabb;
-use super::hierarchy::{Bvh, STACK_SIZE, Tree, check, texels, too_large};
+use super::hierarchy::{Bvh, STACK_SIZE, TRIANGLE_TEXELS, Tree, check, texels, too_large};
 use super::instance_table::{INSTANCE_TEXELS, InstanceTable};
 use super::node::{self, Node};
 use crate::scene::repeats::MAX_PRIMITIVES;
@@ -67,7 +67,7 @@ fn placed_instances(scene: &Scene) -> Vec<Placed<'_>> {
         Placed { mesh: Some(instance.mesh), vertices, instance: *instance }
     };
     let mut all: Vec<Placed> = scene.instances.iter().map(placed).collect();
-    if scene.flat_triangles() > 0 {
+    if scene.unshared_triangles() > 0 {
         let vertices = &scene.vertices[..scene.shared_meshes[0].vertices.start];
         let instance = Instance { mesh: 0, linear: Mat3::IDENTITY, origin: Vec3::ZERO };
         all.push(Placed { mesh: None, vertices, instance });
@@ -75,55 +75,81 @@ fn placed_instances(scene: &Scene) -> Vec<Placed<'_>> {
     all
 }
 
-fn build(scene: &Scene) -> Result<Bvh> {
-    let positions = |triangle: usize| scene.triangle_positions(triangle);
-    check(scene.triangles.len(), &positions)?;
-    let flat = scene.flat_triangles();
-    let placed = placed_instances(scene);
-    let boxes: Vec<Aabb> = placed.par_iter().map(Placed::bounds).collect();
-    let balanced = placed.len().next_power_of_two().ilog2() + 1;
-    let top = Tree::of_boxes(boxes.len(), |at| boxes[at], 1, balanced.max(TOP_DEPTH))?;
+/// The trees of the lower level, behind the nodes of the tree over the instances.
+struct LowerTrees {
+    nodes: Vec<Node>,
+    /// The stored triangles in the order of the leaves.
+    order: Vec<u32>,
+    /// Levels of the deepest.
+    depth: u32,
+}
 
-    let mut nodes = top.nodes;
-    let mut order = Vec::with_capacity(scene.triangles.len());
-    let mut depth = 0;
-    let mut add = |triangles: Range<usize>| -> Result<u32> {
-        let (root, first) = (nodes.len() as u32, triangles.start as u32);
-        let tree = Tree::of_triangles(triangles, &positions, STACK_SIZE + 1 - top.depth)?;
-        depth = depth.max(tree.depth);
+impl LowerTrees {
+    /// Adds a tree over some triangles, of at most `max_depth` levels. Returns the index of its root.
+    fn add(
+        &mut self,
+        triangles: Range<usize>,
+        positions: &(impl Fn(usize) -> [Vec3; 3] + Sync),
+        max_depth: u32,
+    ) -> Result<u32> {
+        let (root, first) = (self.nodes.len() as u32, triangles.start as u32);
+        let tree = Tree::of_triangles(triangles, positions, max_depth)?;
+        self.depth = self.depth.max(tree.depth);
         let moved = |node: Node| Node {
             first_node: node.first_node + root,
             first_triangle: node.first_triangle + first,
             ..node
         };
-        nodes.extend(tree.nodes.into_iter().map(moved));
-        order.extend(tree.order.into_iter().map(|triangle| triangle + first));
+        self.nodes.extend(tree.nodes.into_iter().map(moved));
+        self.order.extend(tree.order.into_iter().map(|triangle| triangle + first));
         Ok(root)
-    };
-    let flat_root = add(0..flat)?;
+    }
+}
+
+/// Where the instances are, behind `triangles` texels of triangles.
+///
+/// # Errors
+/// [`Error::Usage`] if the triangles of all instances have more primitive indices than kernels can tell apart.
+fn instance_table(scene: &Scene, instances: usize, triangles: usize) -> Result<InstanceTable> {
+    let largest = scene.shared_meshes.iter().map(|mesh| mesh.triangles.len()).max().unwrap_or(1);
+    let shift = largest.next_power_of_two().ilog2();
+    let unshared = scene.unshared_triangles();
+    let indices = unshared + (instances << shift);
+    if indices > MAX_PRIMITIVES {
+        return Err(Error::Usage(format!("instances have {indices} triangles in all, more than {MAX_PRIMITIVES}")));
+    }
+    Ok(InstanceTable { base: triangles as u32, unshared: unshared as u32, shift })
+}
+
+fn build(scene: &Scene) -> Result<Bvh> {
+    let positions = |triangle: usize| scene.triangle_positions(triangle);
+    check(scene.triangles.len(), &positions)?;
+    let placed = placed_instances(scene);
+    let boxes: Vec<Aabb> = placed.par_iter().map(Placed::bounds).collect();
+    let balanced = placed.len().next_power_of_two().ilog2() + 1;
+    let top = Tree::of_boxes(boxes.len(), |at| boxes[at], 1, balanced.max(TOP_DEPTH))?;
+
+    let mut trees = LowerTrees { nodes: top.nodes, order: Vec::with_capacity(scene.triangles.len()), depth: 0 };
+    let mut add = |triangles| trees.add(triangles, &positions, STACK_SIZE + 1 - top.depth);
+    let unshared_root = add(0..scene.unshared_triangles())?;
     let roots = scene.shared_meshes.iter().map(|mesh| add(mesh.triangles.clone())).collect::<Result<Vec<_>>>()?;
+    let LowerTrees { nodes, order, depth } = trees;
     if nodes.len() > node::MAX_NODES {
         return Err(too_large("bvh_nodes", nodes.len(), node::MAX_NODES));
     }
 
-    let largest = scene.shared_meshes.iter().map(|mesh| mesh.triangles.len()).max().unwrap_or(1);
-    let shift = largest.next_power_of_two().ilog2();
-    let indices = flat + (placed.len() << shift);
-    if indices > MAX_PRIMITIVES {
-        return Err(Error::Usage(format!("instances have {indices} triangles in all, more than {MAX_PRIMITIVES}")));
-    }
-    let mut triangles: Vec<_> =
-        order.par_iter().flat_map_iter(|&triangle| texels(positions(triangle as usize))).collect();
-    let table = InstanceTable { base: triangles.len() as u32, flat: flat as u32, shift };
+    let texels_of = |&triangle: &u32| texels(positions(triangle as usize));
+    let table = instance_table(scene, placed.len(), order.len() * TRIANGLE_TEXELS as usize)?;
+    let mut triangles: Vec<_> = order.par_iter().flat_map_iter(texels_of).collect();
     for (number, &index) in top.order.iter().enumerate() {
         let placed = &placed[index as usize];
         triangles.extend(match placed.mesh {
-            None => placed.texels(flat_root, 0),
+            None => placed.texels(unshared_root, 0),
             Some(mesh) => {
                 // Added to the index of a stored triangle (modulo 2^32), the second number gives the primitive index
                 // that the triangle has in this instance.
                 let first = scene.shared_meshes[mesh].triangles.start as u32;
-                placed.texels(roots[mesh], (table.flat + ((number as u32) << shift)).wrapping_sub(first))
+                placed.texels(roots[mesh], (table.unshared + ((number as u32) << table.shift)).wrapping_sub(first))
             }
         });
     }

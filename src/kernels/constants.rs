@@ -41,7 +41,7 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("CELL_FINE", CellKind::Fine as u32),
     ("CELL_MAP", CellKind::Map as u32),
     ("CELL_REQUESTED", CellKind::Requested as u32),
-    ("NORMAL_OFFSET_WEIGHT", numbers::NORMAL_STRETCH),
+    ("NORMAL_OFFSET_WEIGHT", numbers::NORMAL_OFFSET_WEIGHT),
     ("OCCLUDER_TRIANGLE_MASK", occluder::TRIANGLE_MASK),
     ("OCCLUDER_LIGHT_IN_FRONT", occluder::LIGHT_IN_FRONT),
     ("OCCLUDER_LIGHT_BEHIND", occluder::LIGHT_BEHIND),

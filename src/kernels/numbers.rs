@@ -96,7 +96,7 @@ impl ShownCell {
 
 /// Weight of a photon's squared offset along a point's normal, added to the squared distance that ranks the nearest
 /// photons. An offset along the normal counts four times, because photons there lie on other surfaces.
-pub const NORMAL_STRETCH: u32 = 15;
+pub const NORMAL_OFFSET_WEIGHT: u32 = 15;
 
 /// Photons whose normals differ from a point's by more than 45 degrees, of this cosine, belong to another surface.
 /// Without this rule, the paper has false shadows along the side of its cube.

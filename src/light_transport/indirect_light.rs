@@ -40,13 +40,13 @@ pub(crate) struct MadeIndirect {
 /// The passes of indirect light whose time grows with the photons and gather rays of a stage.
 const RAY_PASSES: [&str; 4] = ["flux/", "grid/", "irradiance/", "gather/"];
 
-/// Measured seconds of indirect light: a part that grows with the rays, and a part for each wave.
+/// Measured time of indirect light: a part that grows with the rays, and a part for each wave.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct IndirectCost {
-    /// For each gather ray of a record, with the photons that go with it.
-    ray: f64,
-    /// For each wave, however many rays it has.
-    wave: f64,
+    /// Of a gather ray of a record, with the photons that go with it.
+    seconds_per_ray: f64,
+    /// Of a wave, however many rays it has.
+    seconds_per_wave: f64,
 }
 
 impl IndirectCost {
@@ -59,12 +59,12 @@ impl IndirectCost {
             times.iter().filter(|(name, _)| is_of_rays(name)).map(|(_, seconds)| seconds).sum()
         };
         let of_rays = if after.is_empty() { seconds } else { (sum(after) - sum(before)).clamp(0.0, seconds) };
-        IndirectCost { ray: of_rays / f64::from(rays.max(1)), wave: seconds - of_rays }
+        IndirectCost { seconds_per_ray: of_rays / f64::from(rays.max(1)), seconds_per_wave: seconds - of_rays }
     }
 
     /// The expected seconds of `waves` more waves with `rays` gather rays per record in all.
     pub fn of(self, waves: u32, rays: u32) -> f64 {
-        self.ray * f64::from(rays) + self.wave * f64::from(waves)
+        self.seconds_per_ray * f64::from(rays) + self.seconds_per_wave * f64::from(waves)
     }
 }
 

@@ -411,10 +411,10 @@ fn neighbour_distances(heads: &[RecordHead], radius: impl Fn(f32, f32) -> f32 + 
         let mut distance = head.distance;
         grid.each_near(here, reach, |i| {
             let other = &heads[i];
-            let way = here.distance(Vec3::from(other.position));
+            let apart = here.distance(Vec3::from(other.position));
             // The record itself changes nothing.
-            if way < reach {
-                distance = distance.min(other.distance + way);
+            if apart < reach {
+                distance = distance.min(other.distance + apart);
             }
         });
         distance
@@ -507,8 +507,8 @@ mod tests {
                 .map(|head| {
                     let (here, reach) = (Vec3::from(head.position), radius(head.distance, head.size));
                     let of = |other: &RecordHead| (here.distance(Vec3::from(other.position)), other.distance);
-                    let near = heads.iter().map(of).filter(|(way, _)| *way < reach);
-                    near.fold(head.distance, |least, (way, distance)| least.min(distance + way))
+                    let near = heads.iter().map(of).filter(|(apart, _)| *apart < reach);
+                    near.fold(head.distance, |least, (apart, distance)| least.min(distance + apart))
                 })
                 .collect();
             assert_eq!(neighbour_distances(&heads, radius), expected, "{count} records");

@@ -61,14 +61,14 @@ pub(crate) fn extent(scene: &Scene) -> ((Vec3, Vec3), f32) {
         let triangle_area = f64::from((b - a).cross(c - a).length()) * 0.5;
         (bounds.union(&Aabb::of([a, b, c])), area + triangle_area)
     };
-    let flat = scene.flat_triangles();
+    let unshared = scene.unshared_triangles();
     let part = |number: usize| {
-        let triangles = number * ADDED..flat.min((number + 1) * ADDED);
+        let triangles = number * ADDED..unshared.min((number + 1) * ADDED);
         triangles.map(|index| scene.triangle_positions(index)).fold((Aabb::EMPTY, 0.0), with)
     };
-    let parts: Vec<_> = (0..flat.div_ceil(ADDED)).into_par_iter().map(part).collect();
-    let of_flat = parts.iter().fold((Aabb::EMPTY, 0.0), |all, part| (all.0.union(&part.0), all.1 + part.1));
-    let (mut bounds, mut area) = scene.instance_triangles().fold(of_flat, |all, (_, corners)| with(all, corners));
+    let parts: Vec<_> = (0..unshared.div_ceil(ADDED)).into_par_iter().map(part).collect();
+    let of_unshared = parts.iter().fold((Aabb::EMPTY, 0.0), |all, part| (all.0.union(&part.0), all.1 + part.1));
+    let (mut bounds, mut area) = scene.instance_triangles().fold(of_unshared, |all, (_, corners)| with(all, corners));
     for object in &scene.procedurals {
         bounds = object.corners().into_iter().fold(bounds, |all, corner| all.extended(corner));
         area += f64::from(object.box_area());

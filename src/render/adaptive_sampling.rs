@@ -48,7 +48,7 @@ impl Renderer<'_> {
             let width = self.settings.image.crop_window().width;
             if let Some(allocation) = &mut self.sampling.allocation {
                 let errors = allocation.errors(&errors, width);
-                allocation.choose(&errors, noise - unaudited, spp, share);
+                allocation.select_blocks(&errors, noise - unaudited, spp, share);
             }
         }
         Ok(self.sampling.allocation.as_ref().is_some_and(|allocation| !allocation.is_complete()))

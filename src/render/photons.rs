@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use super::renderer::Renderer;
 use crate::Result;
 use crate::gpu_scene::oct_decode7;
-use crate::kernels::{COMPATIBLE_COSINE, NORMAL_STRETCH, photon_word};
+use crate::kernels::{COMPATIBLE_COSINE, NORMAL_OFFSET_WEIGHT, photon_word};
 
 /// A photon of the visibility map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,13 +76,13 @@ impl Renderer<'_> {
         let farthest = f64::from(self.view.lighting.visibility_map.as_ref()?.reach());
         let map = &self.settings.visibility_map;
         let with_normals = !map.paper_counting;
-        let stretch = if with_normals { f64::from(NORMAL_STRETCH) } else { 0.0 };
+        let weight = if with_normals { f64::from(NORMAL_OFFSET_WEIGHT) } else { 0.0 };
         let here = point.position.as_dvec3();
         let counted = |photon: &VisibilityPhoton| {
             let counts =
                 photon.light == light && (!with_normals || photon.normal.dot(point.normal) >= COMPATIBLE_COSINE);
-            let way = photon.position.as_dvec3() - here;
-            let squared = way.length_squared() + stretch * way.dot(point.normal).powi(2);
+            let offset = photon.position.as_dvec3() - here;
+            let squared = offset.length_squared() + weight * offset.dot(point.normal).powi(2);
             (counts && squared <= farthest * farthest).then_some((squared, *photon))
         };
         let mut found: Vec<(f64, VisibilityPhoton)> = photons.iter().filter_map(counted).collect();

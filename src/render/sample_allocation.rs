@@ -220,7 +220,7 @@ impl SampleAllocation {
 
     /// Decides which blocks are next, by the estimated relMSE of each: `noise` is enough, and no block gets more than
     /// `spp` samples. At least `share` of the blocks that need samples are next.
-    pub fn choose(&mut self, errors: &[f64], noise: f64, spp: u32, share: f64) {
+    pub fn select_blocks(&mut self, errors: &[f64], noise: f64, spp: u32, share: f64) {
         let gain = |block: u32| errors[block as usize] / f64::from(self.samples[block as usize]);
         let mut wanted: Vec<u32> = (0..errors.len() as u32).filter(|block| errors[*block as usize] > noise).collect();
         self.above = wanted.len() as u32;
@@ -366,16 +366,16 @@ mod tests {
         render(&mut adaptive, 8);
         // Gains by a sample: 1/8 of it. A quarter of the best is enough, and an error of 0.1 is.
         let errors = [0.1, 8.0, 2.0, 1.9, 0.2, 0.09, 0.0, 8.0];
-        adaptive.choose(&errors, 0.1, 40, SHARE);
+        adaptive.select_blocks(&errors, 0.1, 40, SHARE);
         assert_eq!(render(&mut adaptive, 5), [(vec![1, 2, 7], 8, 5), (vec![1, 2, 7], 13, 3)]);
         // Now 2 / 16 is a quarter of 8 / 16, and 1.9 / 8 is more: two numbers of samples, one after the other.
-        adaptive.choose(&errors, 0.1, 40, SHARE);
+        adaptive.select_blocks(&errors, 0.1, 40, SHARE);
         assert_eq!(render(&mut adaptive, 99), [(vec![3], 8, 8), (vec![1, 2, 7], 16, 16)]);
-        adaptive.choose(&errors, 0.1, 40, SHARE);
+        adaptive.select_blocks(&errors, 0.1, 40, SHARE);
         assert_eq!(render(&mut adaptive, 99), [(vec![3], 16, 16), (vec![1, 2, 7], 32, 8)]);
         assert_eq!(adaptive.samples, [8, 40, 40, 32, 8, 8, 8, 40]);
         // At the limit, or below the noise, nothing is wanted.
-        adaptive.choose(&[0.1, 8.0, 0.0, 0.0, 0.0, 0.0, 0.0, 8.0], 0.1, 40, SHARE);
+        adaptive.select_blocks(&[0.1, 8.0, 0.0, 0.0, 0.0, 0.0, 0.0, 8.0], 0.1, 40, SHARE);
         assert!(adaptive.next_equal().is_none());
     }
 
@@ -385,7 +385,7 @@ mod tests {
         let mut adaptive = blocks(8 * 16, 8, 64);
         render(&mut adaptive, 8);
         let errors: Vec<f64> = (0..16).map(|block| 10f64.powi(block)).collect();
-        adaptive.choose(&errors, 0.5, 64, SHARE);
+        adaptive.select_blocks(&errors, 0.5, 64, SHARE);
         assert_eq!(adaptive.share_of(&adaptive.next_equal().unwrap()), 2.0 / 16.0);
         assert_eq!(render(&mut adaptive, 8), [(vec![14, 15], 8, 8)]);
     }
@@ -426,7 +426,7 @@ mod tests {
         render(&mut adaptive, 8);
         let mut errors = [0.0; 12];
         (errors[3], errors[10]) = (1.0, 1.0);
-        adaptive.choose(&errors, 0.1, 64, SHARE);
+        adaptive.select_blocks(&errors, 0.1, 64, SHARE);
         let of_blocks = |pixel: &u32| matches!((pixel % 26 / 8, pixel / 26 / 8), (3, 0) | (2, 2));
         let mut some = pixels(&adaptive);
         some.sort_unstable();

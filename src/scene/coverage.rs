@@ -19,7 +19,7 @@ impl Scene {
         let mut cells = Cells { covered: [[false; SIDE]; SIDE], count: 0 };
         let half = Vec2::from(camera.half_extent(aspect));
         let project = |corner| project(camera, half, corner);
-        for index in (0..self.flat_triangles()).filter(|&i| self.triangles[i].light == NO_LIGHT) {
+        for index in (0..self.unshared_triangles()).filter(|&i| self.triangles[i].light == NO_LIGHT) {
             match self.triangle_positions(index).map(project) {
                 [Some(a), Some(b), Some(c)] => cells.cover([a, b, c]),
                 [None, None, None] => {}

@@ -110,11 +110,11 @@ impl Scene {
 
     /// The corners of all triangles, and of the boxes of all procedural objects.
     pub(super) fn corners(&self) -> impl Iterator<Item = Vec3> {
-        let flat = (0..self.flat_triangles()).flat_map(|index| self.triangle_positions(index));
-        flat.chain(self.corners_of_others())
+        let unshared = (0..self.unshared_triangles()).flat_map(|index| self.triangle_positions(index));
+        unshared.chain(self.corners_of_others())
     }
 
-    /// The corners that belong to no flat triangle: of instances, and of the boxes of all procedural objects.
+    /// The corners of surfaces that are stored otherwise: of instances, and of the boxes of all procedural objects.
     pub(super) fn corners_of_others(&self) -> impl Iterator<Item = Vec3> {
         self.instance_vertices().chain(self.procedurals.iter().flat_map(Procedural::corners))
     }

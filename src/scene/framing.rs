@@ -115,7 +115,7 @@ impl Scene {
     /// The corners of every surface that emits no light, or of every surface if all of them emit.
     fn framed_corners(&self) -> Box<dyn Iterator<Item = Vec3> + '_> {
         let unlit = || {
-            let unlit = (0..self.flat_triangles()).filter(|&i| self.triangles[i].light == NO_LIGHT);
+            let unlit = (0..self.unshared_triangles()).filter(|&i| self.triangles[i].light == NO_LIGHT);
             unlit.flat_map(|i| self.triangle_positions(i)).chain(self.corners_of_others())
         };
         // Not in a list, because instances may have billions of corners.

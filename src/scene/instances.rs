@@ -14,15 +14,15 @@ use crate::{Error, Result};
 
 impl Scene {
     /// Number of triangles that belong to no shared mesh. They come first.
-    pub fn flat_triangles(&self) -> usize {
+    pub fn unshared_triangles(&self) -> usize {
         self.shared_meshes.first().map_or(self.triangles.len(), |mesh| mesh.triangles.start)
     }
 
     /// The positions of the vertices, of each instance its own.
     pub(crate) fn placed_vertices(&self) -> impl ParallelIterator<Item = Vec3> + Clone {
-        let flat = self.shared_meshes.first().map_or(self.vertices.len(), |mesh| mesh.vertices.start);
-        let flat = self.vertices[..flat].par_iter().map(|vertex| vertex.position);
-        flat.chain(self.instances.par_iter().flat_map_iter(|instance| self.vertices_of(*instance)))
+        let unshared = self.shared_meshes.first().map_or(self.vertices.len(), |mesh| mesh.vertices.start);
+        let unshared = self.vertices[..unshared].par_iter().map(|vertex| vertex.position);
+        unshared.chain(self.instances.par_iter().flat_map_iter(|instance| self.vertices_of(*instance)))
     }
 
     /// The corners of all triangles for which `is_wanted`, and the vertices of each instance.
@@ -30,9 +30,10 @@ impl Scene {
         &self,
         is_wanted: impl Fn(&Triangle) -> bool + Copy + Sync + Send,
     ) -> impl ParallelIterator<Item = Vec3> + Clone {
-        let flat = (0..self.flat_triangles()).into_par_iter().filter(move |index| is_wanted(&self.triangles[*index]));
-        let flat = flat.flat_map_iter(|index| self.triangle_positions(index));
-        flat.chain(self.instances.par_iter().flat_map_iter(|instance| self.vertices_of(*instance)))
+        let unshared =
+            (0..self.unshared_triangles()).into_par_iter().filter(move |index| is_wanted(&self.triangles[*index]));
+        let unshared = unshared.flat_map_iter(|index| self.triangle_positions(index));
+        unshared.chain(self.instances.par_iter().flat_map_iter(|instance| self.vertices_of(*instance)))
     }
 
     /// The positions of the vertices of each instance.

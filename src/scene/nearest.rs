@@ -25,7 +25,7 @@ pub struct Nearest {
 pub struct SurfaceSearch<'a> {
     scene: &'a Scene,
     /// The triangles that belong to no shared mesh.
-    flat: Runs,
+    unshared: Runs,
     /// The triangles of each shared mesh, in its own space.
     shared: Vec<Runs>,
     /// The boxes around instances.
@@ -49,18 +49,18 @@ impl<'a> SurfaceSearch<'a> {
         let shared: Vec<_> = scene.shared_meshes.iter().map(|mesh| Runs::new(scene, mesh.triangles.clone())).collect();
         let around = |instance: &Instance| placed(shared[instance.mesh].boxes.bounds(), instance);
         let instances = BoxTree::new(scene.instances.par_iter().map(around));
-        SurfaceSearch { scene, flat: Runs::new(scene, 0..scene.flat_triangles()), shared, instances }
+        SurfaceSearch { scene, unshared: Runs::new(scene, 0..scene.unshared_triangles()), shared, instances }
     }
 
-    /// The first surface that a ray meets at a multiple of `way` in `range`, in normalised space. Materials and
+    /// The first surface that a ray meets at a multiple of `direction` in `range`, in normalised space. Materials and
     /// textures that let light pass count as opaque, and procedural objects as their boxes.
-    pub fn nearest(&self, origin: DVec3, way: DVec3, range: &RangeInclusive<f64>) -> Option<Nearest> {
+    pub fn nearest(&self, origin: DVec3, direction: DVec3, range: &RangeInclusive<f64>) -> Option<Nearest> {
         let scene = self.scene;
         let enters = |bounds: Aabb| {
-            let [enter, leave] = box_depths(bounds, origin, way)?;
+            let [enter, leave] = box_depths(bounds, origin, direction)?;
             (enter <= *range.end() && leave >= *range.start()).then_some(enter)
         };
-        let mut runs: Vec<_> = self.flat.entered(enters).map(|(enter, run)| (enter, run, None)).collect();
+        let mut runs: Vec<_> = self.unshared.entered(enters).map(|(enter, run)| (enter, run, None)).collect();
         for (_, index) in self.instances.entered(enters) {
             let instance = &scene.instances[index];
             let entered = self.shared[instance.mesh].entered(|bounds| enters(placed(bounds, instance)));
@@ -80,7 +80,7 @@ impl<'a> SurfaceSearch<'a> {
             let met = run.filter_map(|index| {
                 let place = |corner| instance.map_or(corner, |instance| instance.apply(corner));
                 let corners = scene.triangle_positions(index).map(|corner| place(corner).as_dvec3());
-                let depth = triangle_depth(corners, origin, way).filter(|depth| range.contains(depth))?;
+                let depth = triangle_depth(corners, origin, direction).filter(|depth| range.contains(depth))?;
                 let [a, b, c] = corners;
                 let normal = (b - a).cross(c - a).try_normalize();
                 Some(Nearest { depth, material: scene.triangles[index].material, normal })
@@ -118,9 +118,9 @@ fn placed(bounds: Aabb, instance: &Instance) -> Aabb {
     Aabb::of(corners.map(|corner| instance.apply(corner.as_vec3())))
 }
 
-/// The multiples of `way` at which a ray enters and leaves a box.
-fn box_depths(bounds: Aabb, origin: DVec3, way: DVec3) -> Option<[f64; 2]> {
-    let [a, b] = [bounds.min, bounds.max].map(|end| (end.as_dvec3() - origin) / way);
+/// The multiples of `direction` at which a ray enters and leaves a box.
+fn box_depths(bounds: Aabb, origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
+    let [a, b] = [bounds.min, bounds.max].map(|end| (end.as_dvec3() - origin) / direction);
     // 0 / 0 along an axis: the ray lies in a side of the box, so that this axis does not bound it.
     let is_free = a.is_nan_mask() | b.is_nan_mask();
     let enter = DVec3::select(is_free, DVec3::NEG_INFINITY, a.min(b)).max_element();
@@ -128,16 +128,16 @@ fn box_depths(bounds: Aabb, origin: DVec3, way: DVec3) -> Option<[f64; 2]> {
     (enter <= leave).then_some([enter, leave])
 }
 
-/// The multiple of `way` at which a ray meets a triangle, from either side. Triangles that share an edge find the same
-/// sign for it, so no ray passes between them.
-fn triangle_depth([a, b, c]: [DVec3; 3], origin: DVec3, way: DVec3) -> Option<f64> {
+/// The multiple of `direction` at which a ray meets a triangle, from either side. Triangles that share an edge find the
+/// same sign for it, so no ray passes between them.
+fn triangle_depth([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<f64> {
     let (a, b, c) = (a - origin, b - origin, c - origin);
-    let sides = DVec3::new(way.dot(c.cross(b)), way.dot(a.cross(c)), way.dot(b.cross(a)));
+    let sides = DVec3::new(direction.dot(c.cross(b)), direction.dot(a.cross(c)), direction.dot(b.cross(a)));
     if sides.min_element() < 0.0 && sides.max_element() > 0.0 {
         return None;
     }
     let normal = (b - a).cross(c - a);
-    let depth = a.dot(normal) / way.dot(normal);
+    let depth = a.dot(normal) / direction.dot(normal);
     depth.is_finite().then_some(depth)
 }
 
@@ -158,13 +158,13 @@ mod tests {
     }
 
     /// The nearest depth by the method of Moller and Trumbore, over all triangles.
-    fn oracle(triangles: &[[DVec3; 3]], origin: DVec3, way: DVec3, range: &RangeInclusive<f64>) -> Option<f64> {
+    fn oracle(triangles: &[[DVec3; 3]], origin: DVec3, direction: DVec3, range: &RangeInclusive<f64>) -> Option<f64> {
         let depth = |[a, b, c]: &[DVec3; 3]| {
             let (ab, ac, from) = (b - a, c - a, origin - a);
-            let p = way.cross(ac);
+            let p = direction.cross(ac);
             let inverse = 1.0 / ab.dot(p);
             let q = from.cross(ab);
-            let (u, v, depth) = (from.dot(p) * inverse, way.dot(q) * inverse, ac.dot(q) * inverse);
+            let (u, v, depth) = (from.dot(p) * inverse, direction.dot(q) * inverse, ac.dot(q) * inverse);
             (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && range.contains(&depth)).then_some(depth)
         };
         triangles.iter().filter_map(depth).min_by(f64::total_cmp)
@@ -176,8 +176,8 @@ mod tests {
     fn a_search_by_runs_finds_what_all_triangles_have() {
         let mut random = Random(7);
         let (mut hits, mut misses) = (0, 0);
-        for (flat, shared) in [(0, 0), (1, 0), (15, 1), (16, 15), (17, 16), (33, 17), (500, 100)] {
-            let corners: Vec<Vec3> = (0..flat + shared)
+        for (unshared, shared) in [(0, 0), (1, 0), (15, 1), (16, 15), (17, 16), (33, 17), (500, 100)] {
+            let corners: Vec<Vec3> = (0..unshared + shared)
                 .flat_map(|_| {
                     let centre = point(&mut random);
                     [0; 3].map(|_| centre + 0.6 * point(&mut random))
@@ -190,41 +190,42 @@ mod tests {
                 linear: Mat3::from_rotation_z(x) * size,
                 origin: Vec3::splat(x),
             });
-            let mesh = SharedMesh { triangles: flat..flat + shared, vertices: 3 * flat..3 * (flat + shared) };
+            let mesh =
+                SharedMesh { triangles: unshared..unshared + shared, vertices: 3 * unshared..3 * (unshared + shared) };
             let scene = Scene {
                 vertices: corners.iter().map(vertex).collect::<Vec<_>>().into(),
-                triangles: (0..(flat + shared) as u32)
+                triangles: (0..(unshared + shared) as u32)
                     .map(|i| Triangle { vertices: indices(i), material: i, light: NO_LIGHT })
                     .collect(),
-                materials: vec![Material::default(); flat + shared],
+                materials: vec![Material::default(); unshared + shared],
                 shared_meshes: if shared > 0 { vec![mesh] } else { Vec::new() },
                 instances: if shared > 0 { instances.to_vec() } else { Vec::new() },
                 ..Scene::default()
             };
-            let own = (0..flat).map(|i| scene.triangle_positions(i));
+            let own = (0..unshared).map(|i| scene.triangle_positions(i));
             let placed = scene.instance_triangles().map(|(_, corners)| corners);
             let all: Vec<_> = own.chain(placed).map(|corners| corners.map(|corner| corner.as_dvec3())).collect();
             let search = SurfaceSearch::new(&scene);
             let mut lacking = SurfaceSearch::new(&scene);
-            lacking.flat.triangles.end = flat.saturating_sub(RUN_LENGTH + 1);
+            lacking.unshared.triangles.end = unshared.saturating_sub(RUN_LENGTH + 1);
             let mut faults = 0;
             for range in [0.0..=f64::MAX, 0.3..=0.6] {
                 for _ in 0..300 {
-                    let (origin, way) = (point(&mut random).as_dvec3(), point(&mut random).as_dvec3());
-                    let expected = oracle(&all, origin, way, &range);
+                    let (origin, direction) = (point(&mut random).as_dvec3(), point(&mut random).as_dvec3());
+                    let expected = oracle(&all, origin, direction, &range);
                     let depth =
-                        |search: &SurfaceSearch<'_>| search.nearest(origin, way, &range).map(|found| found.depth);
+                        |search: &SurfaceSearch<'_>| search.nearest(origin, direction, &range).map(|found| found.depth);
                     // Two formulas in double precision, of triangles that may be slender.
                     let is_same = |found: Option<f64>| match (found, expected) {
                         (Some(found), Some(expected)) => (found - expected).abs() <= 1e-9 * expected.abs().max(1.0),
                         (found, expected) => found == expected,
                     };
                     *if expected.is_some() { &mut hits } else { &mut misses } += 1;
-                    assert!(is_same(depth(&search)), "{flat} and {shared} triangles, {range:?}: not {expected:?}");
+                    assert!(is_same(depth(&search)), "{unshared} and {shared} triangles, {range:?}: not {expected:?}");
                     faults += u32::from(!is_same(depth(&lacking)));
                 }
             }
-            assert!(faults > 0 || flat <= RUN_LENGTH, "{flat} triangles, without the last two runs");
+            assert!(faults > 0 || unshared <= RUN_LENGTH, "{unshared} triangles, without the last two runs");
         }
         assert!(hits > 500 && misses > 500, "{hits} hits, {misses} misses");
     }

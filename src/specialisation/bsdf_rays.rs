@@ -57,7 +57,7 @@ pub(super) fn boxes_by_material(scene: &Scene) -> Vec<Option<Box3>> {
         let bounds = &mut boxes[material as usize];
         *bounds = points.iter().fold(*bounds, |bounds, point| extended(bounds, point.as_dvec3()));
     };
-    for (i, triangle) in scene.triangles[..scene.flat_triangles()].iter().enumerate() {
+    for (i, triangle) in scene.triangles[..scene.unshared_triangles()].iter().enumerate() {
         extend(triangle.material, &scene.triangle_positions(i));
     }
     let of_meshes: Vec<_> = scene.shared_meshes.iter().map(|mesh| shared_boxes(scene, mesh)).collect();

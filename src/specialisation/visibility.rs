@@ -24,7 +24,7 @@ pub(crate) const SAMPLES_OF_MAP: u32 = 8;
 
 /// Whether photons and cells may save more time than they take, or are requested.
 fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
-    if settings.visibility_map.photons_per_light.is_some() || settings.shows_photons() {
+    if settings.visibility_map.photons_per_light.is_some() || settings.image_depends_on_photons() {
         return true;
     }
     let rays = settings.shadow_rays_to_a_light() as f64;
@@ -47,29 +47,9 @@ impl Specialisation {
 
     /// Decides on the visibility map, and on how its photons are counted. Returns whether there is a map.
     fn decide_on_visibility_map(&mut self, scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
-        let pays = photons_pay(scene, camera, settings);
-        let map = settings.technique.uses_visibility_map();
+        let obstacle = self.obstacle_to_map(scene, camera, settings);
         let placed = scene.placed_lights().len();
         let photons = u64::from(settings.photons_of_light(placed)) * placed as u64;
-        let many = placed > MAX_LIGHTS as usize;
-        let samples_lights = self.features.has(Feature::LightSampling);
-        let unneeded = if samples_lights {
-            // With 64 lights of scenes/lamps.glb the map left half of the candidates to shadow rays.
-            "points sample a few of many lights: the map costs more than it saves".to_owned()
-        } else if many {
-            format!("a photon's word has room for {MAX_LIGHTS} lights")
-        } else if !map {
-            format!("the technique {} does not use it", settings.technique)
-        } else if !pays {
-            "the image has so few shadow rays that photons take longer".to_owned()
-        } else if placed == 0 && scene.environment().is_some() {
-            format!("the environment is the only light: {NO_PHOTONS}")
-        } else if scene.lights.is_empty() {
-            "there is no light".to_owned()
-        } else {
-            "there is no surface".to_owned()
-        };
-        let wanted = map && pays && !many && !samples_lights && placed > 0 && !scene.is_empty();
         let mut why =
             format!("{} lit from shadowed points", count(photons, "photon distinguishes", "photons distinguish"));
         if settings.tries_photons() {
@@ -79,17 +59,47 @@ impl Specialisation {
             why += &format!("; none are of the environment: {NO_PHOTONS}");
         }
         let cost = format!("passes photons, grid, classify; about {}", bytes_text(photons * 24));
-        self.decide(Feature::VisibilityMap, wanted, why, &unneeded, &cost);
+        let (mapped, unneeded) = (obstacle.is_none(), obstacle.unwrap_or_default());
+        self.decide(Feature::VisibilityMap, mapped, why, &unneeded, &cost);
+        self.decide_on_counting(settings, mapped, placed);
+        mapped
+    }
+
+    /// The reason why there is no visibility map, if there is one.
+    fn obstacle_to_map(&self, scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> Option<String> {
+        let placed = scene.placed_lights().len();
+        Some(if self.features.has(Feature::LightSampling) {
+            // With 64 lights of scenes/lamps.glb the map left half of the candidates to shadow rays.
+            "points sample a few of many lights: the map costs more than it saves".to_owned()
+        } else if placed > MAX_LIGHTS as usize {
+            format!("a photon's word has room for {MAX_LIGHTS} lights")
+        } else if !settings.technique.uses_visibility_map() {
+            format!("the technique {} does not use it", settings.technique)
+        } else if !photons_pay(scene, camera, settings) {
+            "the image has so few shadow rays that photons take longer".to_owned()
+        } else if placed == 0 && scene.environment().is_some() {
+            format!("the environment is the only light: {NO_PHOTONS}")
+        } else if placed == 0 {
+            "there is no light".to_owned()
+        } else if scene.is_empty() {
+            "there is no surface".to_owned()
+        } else {
+            return None;
+        })
+    }
+
+    /// Decides on how the photons of the map are counted, and on fine cells. `mapped`: there is a visibility map.
+    fn decide_on_counting(&mut self, settings: &Settings, mapped: bool, placed_lights: usize) {
         self.decide(
             Feature::LightTags,
-            wanted && placed > 1,
-            format!("{placed} lights"),
+            mapped && placed_lights > 1,
+            format!("{placed_lights} lights"),
             "there is at most one light",
             "a key and a comparison per photon",
         );
         self.decide(
             Feature::PaperCounting,
-            wanted && settings.visibility_map.paper_counting,
+            mapped && settings.visibility_map.paper_counting,
             "requested".into(),
             "photons are counted by their normals",
             "false shadows beside objects",
@@ -98,13 +108,12 @@ impl Specialisation {
             || settings.technique.requirements().visibility == Visibility::PhotonsAlone;
         self.decide(
             Feature::ExactCounts,
-            wanted && shown,
+            mapped && shown,
             "n_i and n_s are shown".into(),
             "cells decide: no point searches for its nearest photons",
             "a search for each boundary point",
         );
-        self.decide_on_fine_cells(settings, wanted, shown);
-        wanted
+        self.decide_on_fine_cells(settings, mapped, shown);
     }
 
     /// Decides on fine cells. `mapped`: there is a visibility map; `shown`: the image shows the classes by photons.

@@ -50,11 +50,11 @@ fn second_surfaces(scene: &Scene, camera: &Camera, [width, height]: [u32; 2]) ->
     let surfaces = SurfaceSearch::new(scene);
     let goes_on = |index: &u32| {
         let [x, y] = [index % SIDE, index / SIDE].map(|i| (f64::from(i) + 0.5) / f64::from(SIDE));
-        let (origin, way) = uniform.ray([x, y]);
-        surfaces.nearest(origin, way, &range).is_some_and(|nearest| {
-            let normal = nearest.normal.unwrap_or(-way.normalize());
-            let normal = if normal.dot(way) > 0.0 { -normal } else { normal };
-            let above = origin + nearest.depth * (1.0 - OFFSET) * way;
+        let (origin, direction) = uniform.ray([x, y]);
+        surfaces.nearest(origin, direction, &range).is_some_and(|nearest| {
+            let normal = nearest.normal.unwrap_or(-direction.normalize());
+            let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
+            let above = origin + nearest.depth * (1.0 - OFFSET) * direction;
             surfaces.nearest(above, cosine_weighted(normal, r2(*index).into()), &(0.0..=f64::MAX)).is_some()
         })
     };

@@ -59,10 +59,10 @@ fn scaled(view: &LookAt, share: f64) -> LookAt {
 }
 
 /// Moves the camera and its target along the camera's axes: right, up and forward, in the units of the file.
-pub fn fly(view: &LookAt, way: DVec3) -> LookAt {
+pub fn fly(view: &LookAt, movement: DVec3) -> LookAt {
     let Some([right, up, backward]) = view.axes() else { return *view };
-    let way = way.x * right + way.y * up - way.z * backward;
-    LookAt { from: view.from + way, at: view.at + way, ..*view }
+    let movement = movement.x * right + movement.y * up - movement.z * backward;
+    LookAt { from: view.from + movement, at: view.at + movement, ..*view }
 }
 
 /// Looks at another point, after moving straight towards it until `share` of the distance is left. So the point stays

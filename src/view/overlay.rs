@@ -98,8 +98,8 @@ impl Overlay {
         matches!(self, Overlay::Classes | Overlay::Photons | Overlay::Cells)
     }
 
-    /// Whether it needs visibility photons. Small pictures have none otherwise.
-    pub fn shows_photons(self) -> bool {
+    /// Whether it requires visibility photons. Small pictures have none otherwise.
+    pub fn requires_photons(self) -> bool {
         matches!(self, Overlay::Photons | Overlay::Cells)
     }
 }
@@ -325,8 +325,8 @@ fn mark_nearest(pixels: &mut [u8], image: &Image, nearest: &NearestPhotons, seen
     let (u, v) = point.normal.any_orthonormal_pair();
     for step in 0..CIRCLE_POINTS {
         let angle = f64::from(step) / f64::from(CIRCLE_POINTS) * std::f64::consts::TAU;
-        let way = f64::from(*radius) * (angle.cos() * u + angle.sin() * v);
-        sight.paint(pixels, point.position + way.as_vec3(), 0, MARK);
+        let offset = f64::from(*radius) * (angle.cos() * u + angle.sin() * v);
+        sight.paint(pixels, point.position + offset.as_vec3(), 0, MARK);
     }
     for photon in photons {
         sight.paint(pixels, photon.position, 1, photon_colour(photon));

@@ -372,11 +372,11 @@ fn movements(ui: &Ui, response: &Response) -> Vec<Command> {
     }
     let axis =
         |plus, minus| ui.input(|i| f64::from(u8::from(i.key_down(plus))) - f64::from(u8::from(i.key_down(minus))));
-    let way = [axis(Key::D, Key::A), axis(Key::E, Key::Q), axis(Key::W, Key::S)];
+    let direction = [axis(Key::D, Key::A), axis(Key::E, Key::Q), axis(Key::W, Key::S)];
     let is_command = ui.input(|input| input.modifiers.command);
-    if way != [0.0; 3] && !is_command {
+    if direction != [0.0; 3] && !is_command {
         let seconds = f64::from(ui.input(|input| input.stable_dt).min(MAX_STEP));
-        commands.push(Command::Fly(way.map(|x| x * seconds * FLIGHT)));
+        commands.push(Command::Fly(direction.map(|x| x * seconds * FLIGHT)));
         ui.ctx().request_repaint();
     }
     commands

@@ -21,15 +21,15 @@ pub struct Hit {
 /// The nearest surface at a point of the image, from 0 to 1 each way from the top left. Materials and textures that let
 /// light pass count as opaque, and procedural objects as their boxes.
 pub fn pick(scene: &Scene, camera: &Camera, [width, height]: [u32; 2], [x, y]: [f32; 2]) -> Option<Hit> {
-    let (origin, way) = CameraUniform::new(camera, width, height).ray([x, y].map(f64::from));
+    let (origin, direction) = CameraUniform::new(camera, width, height).ray([x, y].map(f64::from));
     // Multiples of the direction are depths.
     let range = f64::from(camera.near)..=f64::from(camera.far);
     let scale = scene.normalisation.scale();
-    let Nearest { depth, material, normal } = SurfaceSearch::new(scene).nearest(origin, way, &range)?;
+    let Nearest { depth, material, normal } = SurfaceSearch::new(scene).nearest(origin, direction, &range)?;
     Some(Hit {
         material: scene.materials[material as usize].name.clone(),
-        position: scene.normalisation.undo_f64(origin + depth * way),
-        normal: normal.map(|n| if n.dot(way) > 0.0 { -n } else { n }),
+        position: scene.normalisation.undo_f64(origin + depth * direction),
+        normal: normal.map(|n| if n.dot(direction) > 0.0 { -n } else { n }),
         depth: depth / scale,
     })
 }

@@ -120,14 +120,14 @@ impl Traced {
         let table = self.bvh.instances.unwrap();
         let stored = |at: usize| self.scene.triangle_positions(self.bvh.order[at] as usize);
         let mut all = Vec::new();
-        for at in 0..table.flat {
+        for at in 0..table.unshared {
             let corners = stored(at as usize).map(|p| p.as_dvec3());
             all.push(Placed { primitive: at, corners, roundings: 0.0 });
         }
         for (number, instance) in self.records().into_iter().enumerate() {
             let Some(instance) = instance else { continue };
             for (within, at) in self.scene.shared_meshes[instance.mesh].triangles.clone().enumerate() {
-                let primitive = table.flat + ((number as u32) << table.shift) + within as u32;
+                let primitive = table.unshared + ((number as u32) << table.shift) + within as u32;
                 let corners = stored(at).map(|p| instance.apply_f64(p));
                 // As ray_in_mesh says, without the square root that turns a largest coordinate into a distance.
                 all.push(Placed { primitive, corners, roundings: 81.0 });
@@ -204,9 +204,9 @@ fn closest_hits_are_those_of_all_instances(gpu: &Gpu) {
     let answers = traced.closest(gpu, &rays);
     let (wrong, unsure) = compare(&traced, &rays, &answers);
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-    let flat = traced.bvh.instances.unwrap().flat;
+    let unshared = traced.bvh.instances.unwrap().unshared;
     let hits = answers.iter().filter(|answer| answer.primitive != NO_HIT).count();
-    let of_instances = answers.iter().filter(|answer| (flat..NO_HIT).contains(&answer.primitive)).count();
+    let of_instances = answers.iter().filter(|answer| (unshared..NO_HIT).contains(&answer.primitive)).count();
     println!("{hits} hits, {of_instances} of instances, {unsure} answers are undecided");
     assert!(unsure < 40, "{unsure} of 2000 answers are undecided");
     assert!((700..1900).contains(&hits) && (300..hits - 100).contains(&of_instances));
@@ -307,10 +307,10 @@ fn surfaces_are_those_of_their_instance(gpu: &Gpu) {
         assert_eq!(words[2][3], 3 * stored, "the word of another triangle");
         let own = ray.direction.as_dvec3().normalize();
         let mut expected = [own; 2];
-        if primitive >= table.flat {
+        if primitive >= table.unshared {
             instances += 1;
-            let instance = records[((primitive - table.flat) >> table.shift) as usize].unwrap();
-            let within = (primitive - table.flat) % (1 << table.shift);
+            let instance = records[((primitive - table.unshared) >> table.shift) as usize].unwrap();
+            let within = (primitive - table.unshared) % (1 << table.shift);
             assert_eq!(stored, traced.scene.shared_meshes[instance.mesh].triangles.start as u32 + within);
             let linear: DMat3 = instance.linear.as_dmat3();
             expected = [linear.inverse().transpose() * own, linear * own];

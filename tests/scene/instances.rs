@@ -269,7 +269,7 @@ fn surfaces(scene: &Scene) -> Vec<[[f64; 3]; 9]> {
         let mut of_triangle = positions.map(|p| p.to_array()).into_iter().chain(directions);
         all.push(std::array::from_fn(|_| of_triangle.next().unwrap()));
     };
-    for triangle in 0..scene.flat_triangles() {
+    for triangle in 0..scene.unshared_triangles() {
         add(triangle, &|p| p.as_dvec3(), DMat3::IDENTITY);
     }
     for instance in &scene.instances {
@@ -305,7 +305,7 @@ fn meshes_are_stored_once() {
         json!({ "translation": [0, 0, 0.25], "scale": [0.125, 0.125, 0.125], "rotation": turned }),
     ]);
     let (copied, shared) = (load_sharing(&file, usize::MAX), load_sharing(&file, 0));
-    assert_eq!((copied.instances.len(), copied.flat_triangles()), (0, copied.triangles.len()));
+    assert_eq!((copied.instances.len(), copied.unshared_triangles()), (0, copied.triangles.len()));
     // One mesh and its mirror image.
     assert_eq!((shared.instances.len(), shared.shared_meshes.len(), shared.triangles.len()), (7, 2, 4 + 2 + 3 + 8));
     assert_eq!((shared.lights.len(), shared.normalisation), (copied.lights.len(), copied.normalisation));

@@ -84,14 +84,14 @@ fn transmission_turned(lobe: Transmission) -> Transmission {
 
 // Transmittance of the volume over a distance.
 @if(transmission)
-fn volume_transmittance(material: u32, way: f32) -> vec3f {
-    return exp(-bitcast<vec3f>(load_material_texel(material + VOLUME_TEXEL).xyz) * way);
+fn volume_transmittance(material: u32, path_length: f32) -> vec3f {
+    return exp(-bitcast<vec3f>(load_material_texel(material + VOLUME_TEXEL).xyz) * path_length);
 }
 
 // Transmittance of the volume that the surface lies in.
 @if(transmission && immersed)
-fn medium_transmittance(material: u32, way: f32) -> vec3f {
-    return exp(-bitcast<vec3f>(load_material_texel(material + MEDIUM_TEXEL).xyz) * way);
+fn medium_transmittance(material: u32, path_length: f32) -> vec3f {
+    return exp(-bitcast<vec3f>(load_material_texel(material + MEDIUM_TEXEL).xyz) * path_length);
 }
 
 @if(transmission)

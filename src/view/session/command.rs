@@ -66,8 +66,9 @@ impl State {
             Command::Orbit(by) => self.navigate(|_, view| Some(navigation::orbit(view, by)))?,
             Command::Pan(by) => self.navigate(|_, view| Some(navigation::pan(view, by)))?,
             Command::Dolly(by) => self.navigate(|_, view| Some(navigation::dolly(view, by)))?,
-            Command::Fly(way) => self
-                .navigate(|scene, view| Some(navigation::fly(view, DVec3::from(way) / scene.normalisation.scale())))?,
+            Command::Fly(movement) => self.navigate(|scene, view| {
+                Some(navigation::fly(view, DVec3::from(movement) / scene.normalisation.scale()))
+            })?,
             Command::FieldOfView(fov) => match &mut self.eye.viewpoint {
                 Viewpoint::Placed(view) => {
                     (view.extent, self.moved) = (Extent::FieldOfView(fov), Some(Instant::now()));

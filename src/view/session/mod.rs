@@ -195,7 +195,7 @@ impl<'g> Session<'g> {
             s.image.denoise = self.denoiser.choice();
             s.image.aovs.extend(KEPT);
             s.image.aovs.extend(display.overlay.aov());
-            if display.overlay.shows_photons() {
+            if display.overlay.requires_photons() {
                 s.visibility_map.photons_per_light = Some(settings.photons_per_light());
             }
             s.image.aovs.sort();
