@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use std::{env, fs, thread};
 
-use kernel_kit::{DeviceChoice, Gpu};
+use kernel_kit::{DeviceChoice, DeviceInfo, Gpu};
 use penumbra::internal::memory;
 use penumbra::internal::render::film::{self, View};
 use penumbra::internal::report::check::{Case, Cases, Finding, Outcome, junit, kind_of, page};
@@ -16,7 +16,7 @@ use penumbra::{Error, Image, Result};
 use super::child::{Ended, run_within};
 use super::interrupt::Interrupt;
 use super::render::temporary_folder;
-use super::{Ending, print, say};
+use super::{Ending, print, say, write_text};
 
 /// Memory of a render: a small image on lavapipe takes 0.2 to 0.4 GB.
 const JOB_BYTES: u64 = 1 << 30;
@@ -72,52 +72,26 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     pages().try_for_each(film::check_target)?;
     let inputs = all.cases.iter().flat_map(|case| case.scene.iter().chain([&case.baseline]));
     film::check_names(inputs.chain([&arguments.cases]), pages())?;
-    let gpu = match &arguments.images {
-        Some(_) => None,
-        None => {
-            let Ok(choice) = arguments.device.parse::<DeviceChoice>();
-            Some(Gpu::open(&choice)?)
-        }
-    };
-    let device = gpu.as_ref().map(|gpu| gpu.info.clone());
-    // Renders open their own.
-    drop(gpu);
-    if let (Some(expected), Some(device)) = (&all.device, &device)
-        && kind_of(expected) != kind_of(&device.name)
-    {
-        let problem = format!("the baselines are of {expected}, not of {}; choose another device", device.name);
-        return Err(Error::input(&arguments.cases, "device", problem));
-    }
-    let is_software = device.as_ref().is_some_and(|device| device.is_software());
-    let mut outcomes = match &arguments.images {
-        Some(folder) => cases.iter().map(|case| compare(case, folder, &arguments.cases)).collect(),
+    let device = arguments.render_device(&all)?;
+    let outcomes = match &arguments.images {
+        Some(folder) => Some(cases.iter().map(|case| compare(case, folder, &arguments.cases)).collect()),
         None => {
             // Without this, a signal would end this process, and its renders would go on. So the first signal ends the
             // renders.
             interrupt.defer();
-            match arguments.render_all(&cases, is_software, &|| interrupt.raised())? {
-                Some(outcomes) => outcomes,
-                None => {
-                    say("stopped; nothing is written");
-                    return Ok(Ending::Stopped);
-                }
-            }
+            let is_software = device.as_ref().is_some_and(DeviceInfo::is_software);
+            arguments.render_all(&cases, is_software, &|| interrupt.raised())?
         }
+    };
+    let Some(mut outcomes) = outcomes else {
+        say("stopped; nothing is written");
+        return Ok(Ending::Stopped);
     };
     for outcome in &mut outcomes {
         arguments.bless(outcome, all.device.as_deref())?;
     }
-    let unused: Vec<String> = all.unused().iter().map(|path| path.display().to_string()).collect();
-    for path in &unused {
-        say(format_args!("note: no case uses the baseline {path}"));
-    }
     let name = device.as_ref().map(|device| device.name.as_str());
-    let html = page(&arguments.cases, name, &outcomes, &unused)?;
-    write(&arguments.html, &html)?;
-    if let Some(path) = &arguments.junit {
-        let suite = arguments.cases.file_stem().unwrap_or_default().to_string_lossy();
-        write(path, &junit(&suite, &outcomes)?)?;
-    }
+    arguments.write_pages(&all, name, &outcomes)?;
     for outcome in &outcomes {
         print(&line(outcome))?;
     }
@@ -144,6 +118,35 @@ impl Arguments {
             return Err(Error::input(&self.cases, format!("case {}", case.name), problem));
         }
         Ok(cases)
+    }
+
+    /// The device that renders the cases; `None` if none are rendered. Its kind must be that of the baselines.
+    fn render_device(&self, all: &Cases) -> Result<Option<DeviceInfo>> {
+        if self.images.is_some() {
+            return Ok(None);
+        }
+        let Ok(choice) = self.device.parse::<DeviceChoice>();
+        // The device is closed again: renders open their own.
+        let device = Gpu::open(&choice)?.info.clone();
+        match &all.device {
+            Some(expected) if kind_of(expected) != kind_of(&device.name) => {
+                let problem = format!("the baselines are of {expected}, not of {}; choose another device", device.name);
+                Err(Error::input(&self.cases, "device", problem))
+            }
+            _ => Ok(Some(device)),
+        }
+    }
+
+    /// Writes the page and the JUnit XML, and prints the baselines that no case uses.
+    fn write_pages(&self, all: &Cases, device: Option<&str>, outcomes: &[Outcome]) -> Result<()> {
+        let unused: Vec<String> = all.unused().iter().map(|path| path.display().to_string()).collect();
+        for path in &unused {
+            say(format_args!("note: no case uses the baseline {path}"));
+        }
+        write_text(&self.html, &page(&self.cases, device, outcomes, &unused)?)?;
+        let Some(path) = &self.junit else { return Ok(()) };
+        let suite = self.cases.file_stem().unwrap_or_default().to_string_lossy();
+        write_text(path, &junit(&suite, outcomes)?)
     }
 
     /// Renders and compares all cases, some at the same time. Each render is a process of its own, so that a crash
@@ -291,8 +294,4 @@ fn line(outcome: &Outcome) -> String {
         line += &format!("\n         {reasons}");
     }
     line + "\n"
-}
-
-fn write(path: &Path, text: &str) -> Result<()> {
-    film::write_atomically(path, |file| Ok(std::io::Write::write_all(file, text.as_bytes())?))
 }

@@ -26,12 +26,14 @@ mod view;
 
 use std::fmt::Display;
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use flags::with_flags;
 use interrupt::Interrupt;
+use penumbra::internal::render::film;
 use penumbra::{Error, Result};
 
 /// Render glTF scenes with shadow photons, on a Vulkan device
@@ -171,6 +173,11 @@ fn print(text: &str) -> Result<()> {
 /// Writes a value to stdout as JSON.
 fn print_json(value: &impl serde::Serialize) -> Result<()> {
     print(&(json(value).map_err(|problem| Error::output("stdout", problem))? + "\n"))
+}
+
+/// Writes a file. What the file held before stays until all of it is written.
+fn write_text(path: &Path, text: &str) -> Result<()> {
+    film::write_atomically(path, |file| Ok(file.write_all(text.as_bytes())?))
 }
 
 fn json(value: &impl serde::Serialize) -> serde_json::Result<String> {

@@ -1,7 +1,6 @@
 //! `penumbra report`.
 
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -26,7 +25,7 @@ use super::options::{
     DeviceOptions, EntrantParser, OidnOptions, SceneOptions, SettingsOptions, positive, read_reference,
 };
 use super::render::{both, rescue, with_remark};
-use super::{Ending, cache, json, print, say};
+use super::{Ending, cache, json, print, say, write_text};
 
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
@@ -163,13 +162,8 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let sweeps = bench.sweeps(&reference, truth.as_ref(), &stop, &mut end);
 
     let resumed = Instant::now();
-    let name = arguments.scene.scene.file_name().unwrap_or_default().to_string_lossy();
-    let mut report = Report::new(&name, &bench.gpu.info, &reference, &runs, classes)?;
+    let mut report = bench.report(&reference, &runs, classes, &starters)?;
     report.sweeps = sweeps;
-    for EntrantReport { entrant, time, .. } in &mut report.entrants {
-        let own = starters.iter().find(|starter| starter.entrant() == *entrant);
-        time.warm_up = own.map_or(0.0, |starter| starter.warm_up);
-    }
     let timed: f64 = runs.iter().map(|run| run.time).sum();
     report.overhead = Overhead::new(timed, (measured + resumed.elapsed()).as_secs_f64());
     arguments.write(&report, &reference, &runs)?;
@@ -378,6 +372,23 @@ impl Bench<'_> {
         }
         sweeps
     }
+
+    /// The report on these runs, with the time of each entrant's first run.
+    fn report(
+        &self,
+        reference: &Reference,
+        runs: &[Run],
+        classes: Vec<Classes>,
+        starters: &[Starter],
+    ) -> Result<Report> {
+        let name = self.arguments.scene.scene.file_name().unwrap_or_default().to_string_lossy();
+        let mut report = Report::new(&name, &self.gpu.info, reference, runs, classes)?;
+        for EntrantReport { entrant, time, .. } in &mut report.entrants {
+            let own = starters.iter().find(|starter| starter.entrant() == *entrant);
+            time.warm_up = own.map_or(0.0, |starter| starter.warm_up);
+        }
+        Ok(report)
+    }
 }
 
 /// The runs of all complete rounds.
@@ -444,7 +455,7 @@ fn duration(seconds: f64) -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<()> {
-    film::write_atomically(path, |file| Ok(file.write_all(with_flags(text).as_bytes())?))
+    write_text(path, &with_flags(text))
 }
 
 /// Saves measurements that took minutes: in the folder for temporary files or, if that is full too, on stdout.

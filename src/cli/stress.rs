@@ -1,6 +1,5 @@
 //! `penumbra stress`.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -11,7 +10,7 @@ use penumbra::internal::stress::{FAMILIES, Family, Reading, breakdown};
 
 use super::folder::make_folder;
 use super::options::DeviceOptions;
-use super::{Ending, print, say};
+use super::{Ending, print, say, write_text};
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -57,7 +56,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         print("\n")?;
         if let Some(path) = file(family) {
             let chart = plot::stress(family, &curves)?;
-            film::write_atomically(&path, |file| Ok(file.write_all(chart.as_bytes())?))?;
+            write_text(&path, &chart)?;
             say(format_args!("wrote {}", path.display()));
         }
     }

@@ -1,6 +1,5 @@
 //! `penumbra table1`.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use kernel_kit::{DeviceChoice, Gpu};
@@ -9,7 +8,7 @@ use penumbra::internal::report::table1::{Comparison, Options, SCENES, TECHNIQUES
 use penumbra::{Result, Technique};
 
 use super::progress::{Display, Goal};
-use super::{Ending, cache, print, say};
+use super::{Ending, cache, print, say, write_text};
 
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
@@ -67,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     print(&(notes(&options).join("\n") + "\n"))?;
     if let Some(path) = &arguments.html {
         let page = page(&comparisons, &options)?;
-        film::write_atomically(path, |file| Ok(file.write_all(page.as_bytes())?))?;
+        write_text(path, &page)?;
         if !arguments.quiet {
             say(format_args!("wrote {}", path.display()));
         }

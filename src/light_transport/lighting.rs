@@ -61,13 +61,11 @@ impl Lighting {
     }
 
     fn bind_direct_light(&mut self, shared: &Shared<'_>) -> Result<()> {
-        // Not `self.inputs()`: direct light is borrowed at the same time.
-        let inputs = DirectInputs {
-            visibility_map: self.visibility_map.as_ref(),
-            light_sampler: self.light_sampler.as_ref(),
-            fine_cells: self.fine_cells.as_ref(),
-        };
-        self.direct.as_mut().map_or(Ok(()), |direct| direct.bind(shared, inputs))
+        // Taken out, because its inputs are borrowed from `self` meanwhile.
+        let Some(mut direct) = self.direct.take() else { return Ok(()) };
+        let bound = direct.bind(shared, self.inputs());
+        self.direct = Some(direct);
+        bound
     }
 
     /// Adds the photons of audits to the visibility map and sorts it again, if that is `due` or their buffer is nearly

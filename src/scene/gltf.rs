@@ -118,11 +118,8 @@ impl Scene {
         immersion::immerse(&mut geometry, &mut scene.materials, &mut notes);
         geometry.procedural_corners = procedurals.iter().flat_map(|placed| placed.corners).collect();
         geometry.find_emitters(&scene);
-        let is_bright = |panorama: &Panorama| panorama.brightest() > 0.0;
-        let has_light = geometry.emits() || document.has_punctual_light() || panorama.as_ref().is_some_and(is_bright);
-        let default_light = options.default_light && !has_light;
-        if default_light && geometry.add_default_light(document.nodes.len(), &mut scene.materials) {
-            notes.push("no light in the file: a soft one is added above and in front of the scene");
+        if options.default_light {
+            document.add_default_light(&mut geometry, &mut scene.materials, panorama.as_ref(), &mut notes);
         }
         scene.normalisation = geometry.normalisation();
         procedural::place(procedurals, &mut scene)?;
@@ -179,6 +176,21 @@ struct Document<'r, 'a> {
 }
 
 impl<'r, 'a> Document<'r, 'a> {
+    /// Adds a light if neither surfaces nor the panorama nor a punctual light emit.
+    fn add_default_light(
+        &self,
+        geometry: &mut Geometry,
+        materials: &mut Vec<Material>,
+        panorama: Option<&Panorama>,
+        notes: &mut Notes,
+    ) {
+        let is_bright = |panorama: &Panorama| panorama.brightest() > 0.0;
+        let has_light = geometry.emits() || self.has_punctual_light() || panorama.is_some_and(is_bright);
+        if !has_light && geometry.add_default_light(self.nodes.len(), materials) {
+            notes.push("no light in the file: a soft one is added above and in front of the scene");
+        }
+    }
+
     /// The triangles of all nodes in world space. Adds a default material if a primitive needs it.
     fn geometry(&self, materials: &mut Vec<Material>, options: &ImportOptions) -> Result<Geometry> {
         let meshes = || {
