@@ -17,6 +17,9 @@ use penumbra::internal::passes::{Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
 
 #[allow(dead_code)]
+#[path = "../tests/common/octahedral.rs"]
+mod octahedral;
+#[allow(dead_code)]
 #[path = "../tests/kernels/rooms.rs"]
 mod rooms;
 

@@ -31,6 +31,9 @@ mod light;
 #[allow(dead_code, unused_imports)]
 #[path = "../tests/common/meshes.rs"]
 mod meshes;
+#[allow(dead_code)]
+#[path = "../tests/common/octahedral.rs"]
+mod octahedral;
 #[allow(dead_code, unused_imports)]
 #[path = "../tests/kernels/path.rs"]
 mod path;

@@ -5,22 +5,16 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec3};
 use penumbra::internal::report::metrics;
 use penumbra::internal::scene::Material;
-use penumbra::{Aov, Image, Settings, Statistics, Technique};
+use penumbra::{Image, Settings, Statistics, Technique};
 
 use crate::meshes::{Corners, camera, scene, surface};
-use crate::setup::{deviation, mean_and_error, reference_file, render, render_scene, scene_file};
+use crate::setup::{
+    assert_means, deviation, mean_and_error, reference_file, render, render_scene, scene_file, settings,
+};
 
 /// Settings of a small render of direct light, with the variance of its pixels.
 fn small(technique: Technique, spp: u32) -> Settings {
-    let aovs = vec![Aov::Variance];
-    Settings::default().with(|s| {
-        s.technique = technique;
-        s.image.width = 128;
-        s.image.height = 128;
-        s.image.spp = spp;
-        s.indirect.max_bounces = 0;
-        s.image.aovs = aovs;
-    })
+    settings(technique, [128, 128], spp, 0)
 }
 
 /// With audits, photons change the noise of an image but not its mean. In both scenes of the paper, in one where
@@ -91,13 +85,7 @@ fn the_box_matches_an_independent_renderer() {
         let relmse = metrics::relmse(&image, &reference).unwrap();
         // The project's limit for these settings. The reference's own error is 4e-6 of it.
         assert!(relmse < 6.5e-4, "{technique}: relMSE {relmse}");
-        for channel in ["R", "G", "B"] {
-            let samples = reference.channel(channel).unwrap();
-            let expected = samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64;
-            let (mean, error) = mean_and_error(&image, channel);
-            let off = (mean - expected).abs();
-            assert!(off < 1e-3 * expected + 3.0 * error, "{technique} {channel}: {mean}, expected {expected}");
-        }
+        assert_means(&image, &reference, 1e-3, technique.name());
     }
 }
 

@@ -2,21 +2,14 @@
 
 use glam::{DVec3, Vec3};
 use penumbra::internal::scene::{LightKind, Scene};
-use penumbra::{Aov, Camera, Image, Settings, Statistics, Technique};
+use penumbra::{Camera, Image, Settings, Statistics, Technique};
 
 use crate::meshes::{camera, cube, inside_out, scene, square, surface};
-use crate::setup::{render, render_scene, scene_file};
+use crate::setup::{self, render, render_scene, scene_file};
 
+/// Settings of direct light alone.
 fn settings(technique: Technique, size: [u32; 2], spp: u32) -> Settings {
-    let [width, height] = size;
-    Settings::default().with(|s| {
-        s.technique = technique;
-        s.image.width = width;
-        s.image.height = height;
-        s.image.spp = spp;
-        s.indirect.max_bounces = 0;
-        s.image.aovs = vec![Aov::Variance];
-    })
+    setup::settings(technique, size, spp, 0)
 }
 
 /// A room with pillars under a square light and 48 point lights, the weakest of which have a thousandth of the power of

@@ -4,22 +4,12 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3, Vec4};
 use penumbra::internal::scene::{AlphaMode, LightKind, Material, Specular, Transmission};
-use penumbra::{Aov, Image, Settings, Technique};
+use penumbra::{Aov, Image, Technique};
 
 use crate::meshes::{camera, cube, inside_out, panorama, scene, sphere, square, surface};
-use crate::setup::{deviation, mean_and_error, reference_file, render, render_scene, scene_file};
-
-fn settings(technique: Technique, size: [u32; 2], spp: u32, max_bounces: u32) -> Settings {
-    let [width, height] = size;
-    Settings::default().with(|s| {
-        s.technique = technique;
-        s.image.width = width;
-        s.image.height = height;
-        s.image.spp = spp;
-        s.indirect.max_bounces = max_bounces;
-        s.image.aovs = vec![Aov::Variance];
-    })
-}
+use crate::setup::{
+    assert_means, deviation, mean_and_error, reference_file, render, render_scene, scene_file, settings,
+};
 
 /// `shadow-photons` gives the path tracer's mean in the still life, which has glossy and textured surfaces, masks and
 /// lights of four kinds: for direct light with highlights, and for all bounces. The bound is 3.5 standard errors;
@@ -342,13 +332,7 @@ fn the_box_matches_an_independent_renderer() {
     let reference = Image::read(&file).unwrap();
     let (image, statistics) = render(&scene, &settings(Technique::SHADOW_PHOTONS, [256, 256], 16, 64));
     assert!(statistics.rays.bounce > 0 && statistics.rays.shadow > 0, "{:?}", statistics.rays);
-    for channel in ["R", "G", "B"] {
-        let samples = reference.channel(channel).unwrap();
-        let expected = samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64;
-        let (mean, error) = mean_and_error(&image, channel);
-        let off = (mean - expected).abs();
-        assert!(off < 3e-3 * expected + 3.0 * error, "{channel}: {mean} +- {error}, expected {expected}");
-    }
+    assert_means(&image, &reference, 3e-3, "all bounces");
 }
 
 /// The photon techniques give the path tracer's mean: `shadow-photons` with and without the irradiance cache,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use penumbra::internal::scene::ImportOptions;
-use penumbra::{Camera, Image, Renderer, Scene, Settings, Statistics};
+use penumbra::{Aov, Camera, Image, Renderer, Scene, Settings, Statistics, Technique};
 
 pub use crate::device::gpu;
 
@@ -39,14 +39,36 @@ pub fn render_scene(scene: Scene, camera: &Camera, settings: &Settings) -> (Imag
     (renderer.image().unwrap(), renderer.statistics().unwrap())
 }
 
+/// Settings of an image with the variance channels, for [`mean_and_error`].
+pub fn settings(technique: Technique, [width, height]: [u32; 2], spp: u32, max_bounces: u32) -> Settings {
+    Settings::default().with(|s| {
+        s.technique = technique;
+        (s.image.width, s.image.height, s.image.spp) = (width, height, spp);
+        s.indirect.max_bounces = max_bounces;
+        s.image.aovs = vec![Aov::Variance];
+    })
+}
+
+/// Mean of a channel.
+fn mean(image: &Image, channel: &str) -> f64 {
+    let samples = image.channel(channel).unwrap();
+    samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64
+}
+
 /// Mean of a channel, and the standard error of that mean from its variance channel (`variance.R` for `R`).
 pub fn mean_and_error(image: &Image, channel: &str) -> (f64, f64) {
-    let mean = |name: &str| {
-        let samples = image.channel(name).unwrap();
-        samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64
-    };
     let pixels = f64::from(image.width) * f64::from(image.height);
-    (mean(channel), (mean(&format!("variance.{channel}")) / pixels).sqrt())
+    (mean(image, channel), (mean(image, &format!("variance.{channel}")) / pixels).sqrt())
+}
+
+/// The mean of each colour is that of the reference, within a part `off` of it plus three standard errors.
+#[track_caller]
+pub fn assert_means(image: &Image, reference: &Image, off: f64, what: &str) {
+    for channel in ["R", "G", "B"] {
+        let (expected, (mean, error)) = (mean(reference, channel), mean_and_error(image, channel));
+        let limit = off * expected + 3.0 * error;
+        assert!((mean - expected).abs() < limit, "{what} {channel}: {mean} +- {error}, expected {expected}");
+    }
 }
 
 /// The distance of two means in standard errors.

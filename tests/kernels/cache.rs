@@ -13,9 +13,9 @@ use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
 
 use crate::kit::{device_features, published};
+use crate::octahedral::oct_encode;
 use crate::random::{Random, RandomInput as _};
 use crate::rooms::{point, point_normal};
-use crate::stage::oct_encode;
 
 /// Pixels of a block's side.
 const BLOCK: f64 = 8.0;

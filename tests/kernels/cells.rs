@@ -14,9 +14,10 @@ use penumbra::settings::Technique;
 
 use crate::kit::published;
 use crate::light::square;
+use crate::octahedral::oct_encode;
 use crate::path::{camera, scene, surface};
 use crate::random::{Random, RandomInput as _};
-use crate::stage::{LightPoint, Stage, crossings, oct_encode, whole};
+use crate::stage::{LightPoint, Stage, crossings, whole};
 
 /// Cells along the longest side, and rays per cell.
 const CELLS: u32 = 9;

@@ -11,7 +11,7 @@ use penumbra::internal::kernels::compose_source;
 use penumbra::internal::scene::{Panorama, Scene};
 use penumbra::internal::specialisation::features::{Feature, Features};
 
-use crate::kit::{device_features, new_kernel};
+use crate::kit::{device_features, new_kernel, results};
 use crate::light::cube;
 use crate::meshes::{panorama, scene, surface};
 use crate::random::{Random, RandomInput as _};
@@ -36,15 +36,8 @@ fn run(gpu: &Gpu, scene: &Scene, entry: &str, directions: &[DVec3], count: usize
     let gpu_scene = GpuLights::new(gpu, scene, None).unwrap();
     let directions: Vec<_> = directions.iter().map(|d| d.as_vec3().extend(0.0)).collect();
     let directions = gpu.upload("test/directions", &directions).unwrap();
-    let results = gpu.poisoned::<[f32; 4]>("test/results", count * per_item).unwrap();
-    let own = Resources::new().with("directions", &directions).with("results", &results);
-    let bound = kernel.bind(gpu, entry, &[&own, &gpu_scene]).unwrap();
-    let mut frame = gpu.frame("test");
-    frame.run(&bound, count as u32, &[0u32; 0]);
-    frame.submit().unwrap();
-    let got = gpu.read::<[f32; 4]>(&results, count * per_item).unwrap();
-    assert!(got.iter().flatten().all(|v| v.is_finite()), "poison or worse in the results of {entry}");
-    got
+    let own = Resources::new().with("directions", &directions);
+    results(gpu, &kernel, entry, &[&own, &gpu_scene], count, per_item)
 }
 
 fn vector(v: &[f32; 4]) -> DVec3 {

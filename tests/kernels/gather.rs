@@ -19,10 +19,11 @@ use penumbra::settings::Technique;
 use crate::irradiance::carrying;
 use crate::kit::published;
 use crate::light::{Corners, cube, form_factor, sphere, square};
+use crate::octahedral::oct_encode;
 use crate::path::{camera, inside_out, scene, surface};
 use crate::random::{Random, RandomInput as _};
 use crate::rooms::point;
-use crate::stage::{Stage, oct_encode};
+use crate::stage::Stage;
 use crate::statistics::{mean_and_error, z_test};
 
 /// The waves of a record with 256 rays.

@@ -3,7 +3,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use kernel_kit::{Bindings, Gpu, Kernel, POISON, Resources, kernel_test};
 use penumbra::internal::kernels::{GridShape, INVALID_POINT, compose, compose_source};
 use penumbra::internal::passes::Point;
@@ -19,7 +19,7 @@ use penumbra::settings::Technique;
 use crate::flux::steps;
 use crate::kit::{new_kernel, published};
 use crate::path::{camera, scene, surface};
-use crate::rooms::{Random, Rectangle, photon, photon_normal, point, point_normal};
+use crate::rooms::{Random, Rectangle, cube, photon, photon_normal, point, point_normal};
 use crate::stage::{Crossing, Stage, crossings, hash};
 use crate::statistics::{mean_and_error, z_test};
 
@@ -366,13 +366,7 @@ fn corner_and_cube() -> Vec<Rectangle> {
         Rectangle(v(-0.5, -0.5, -0.5), v(0.0, 1.0, 0.0), v(0.0, 0.0, 1.0)),
     ];
     let half = 0.15;
-    for axis in 0..3 {
-        for sign in [-1.0, 1.0] {
-            let n = Vec3::AXES[axis] * sign * half;
-            let (a, b) = (Vec3::AXES[(axis + 1) % 3] * half * sign, Vec3::AXES[(axis + 2) % 3] * half);
-            rectangles.push(Rectangle(v(0.1, -0.5 + half, 0.1) + n - a - b, a * 2.0, b * 2.0));
-        }
-    }
+    rectangles.extend(cube(v(0.1, -0.5 + half, 0.1), half, Mat3::IDENTITY));
     rectangles
 }
 

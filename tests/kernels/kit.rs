@@ -1,6 +1,6 @@
 //! Code that kernel tests share: the device, its features, and kernels with Penumbra's structs.
 
-use kernel_kit::{Composed, Declared, Gpu, Host, Kernel, KernelTable, TableFormat};
+use kernel_kit::{Bindings, Composed, Declared, Gpu, Host, Kernel, KernelTable, Resources, TableFormat};
 use penumbra::internal::passes::SHARED;
 use penumbra::internal::specialisation;
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -21,6 +21,28 @@ pub fn new_kernel(
     // Surfaces of these tests are Lambertian and flat: albedo and normal alone.
     let opaque = &[("VisibleSurface", size_of::<[f32; 4]>())];
     Kernel::new(gpu, composed, &Host { constants, shared: SHARED, opaque, own, common: None, late: &[] })
+}
+
+/// Runs an entry point of a test kernel. Returns its `results`: `per_item` vectors for each of `count` items, all of
+/// which must be finite. `inputs` are its other bindings.
+pub fn results(
+    gpu: &Gpu,
+    kernel: &Kernel,
+    entry: &str,
+    inputs: &[&dyn Bindings],
+    count: usize,
+    per_item: usize,
+) -> Vec<[f32; 4]> {
+    let results = gpu.poisoned::<[f32; 4]>("test/results", count * per_item).unwrap();
+    let own = Resources::new().with("results", &results);
+    let sets: Vec<&dyn Bindings> = inputs.iter().copied().chain([&own as &dyn Bindings]).collect();
+    let bound = kernel.bind(gpu, entry, &sets).unwrap();
+    let mut frame = gpu.frame("test");
+    frame.run(&bound, count as u32, &[0u32; 0]);
+    frame.submit().unwrap();
+    let got = gpu.read::<[f32; 4]>(&results, count * per_item).unwrap();
+    assert!(got.iter().flatten().all(|v| v.is_finite()), "poison or worse in the results of {entry}");
+    got
 }
 
 /// A table of records, as if a kernel had written and published them.

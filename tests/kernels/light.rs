@@ -2,17 +2,18 @@
 //! solid angles by Van Oosterom and Strackee, and statistics of the samplers.
 
 use std::f64::consts::{PI, TAU};
-use std::sync::Arc;
+use std::iter;
 
-use glam::{DVec3, Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec3, Vec4};
 use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::gpu_scene::{GpuLights, ReceiverBounds};
 use penumbra::internal::kernels::{compose, compose_source};
-use penumbra::internal::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
+use penumbra::internal::scene::{EmitterTriangle, LightKind, Material, NO_LIGHT, Scene};
 use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::specialisation::lights::{has_many_emitters, is_closed};
 
-use crate::kit::{device_features, new_kernel};
+use crate::kit::{device_features, new_kernel, results};
+use crate::meshes::surface;
 use crate::random::{Random, RandomInput as _};
 use crate::statistics::{chi_square, z_test};
 
@@ -28,31 +29,10 @@ pub fn material(double_sided: bool) -> Material {
 /// A scene of mesh lights given as triangles, and punctual ones. A dark triangle comes first, so that indices of
 /// triangles and of emitters differ.
 pub fn scene(meshes: &[(Vec<Corners>, bool)], punctual: &[LightKind]) -> Scene {
-    let mut scene = Scene { materials: vec![material(false), material(true)], ..Scene::default() };
-    let mut push = |corners: &Corners, light: u32, material: u32| {
-        let first = scene.vertices.len() as u32;
-        Arc::make_mut(&mut scene.vertices).extend(corners.map(|c| Vertex {
-            position: c.as_vec3(),
-            normal: Vec3::ZERO,
-            tangent: Vec4::ZERO,
-            uv: [Vec2::ZERO; 2],
-            colour: Vec4::ONE,
-        }));
-        scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material, light });
-        scene.triangles.len() as u32 - 1
-    };
-    push(&[DVec3::NEG_ONE, DVec3::new(1.0, -1.0, -1.0), DVec3::new(1.0, -1.0, 1.0)], NO_LIGHT, 0);
-    let mut lights = Vec::new();
-    for (i, (triangles, two_sided)) in meshes.iter().enumerate() {
-        let emitters = triangles
-            .iter()
-            .map(|t| EmitterTriangle { triangle: push(t, i as u32, u32::from(*two_sided)), radiance: RADIANCE })
-            .collect();
-        lights.push(LightKind::Mesh { material: u32::from(*two_sided), emitters });
-    }
-    lights.extend(punctual.iter().cloned());
-    scene.lights = lights.into_iter().map(|kind| Light { name: String::new(), kind }).collect();
-    scene
+    let dark = [DVec3::NEG_ONE, DVec3::new(1.0, -1.0, -1.0), DVec3::new(1.0, -1.0, 1.0)];
+    let lamps = meshes.iter().map(|(triangles, two_sided)| (triangles.clone(), material(*two_sided)));
+    let all: Vec<_> = iter::once((vec![dark], surface(0.5, 0.0))).chain(lamps).collect();
+    crate::meshes::scene(&all, punctual.to_vec())
 }
 
 fn features(gpu: &Gpu, scene: &Scene) -> Features {
@@ -134,15 +114,8 @@ fn run_with(
     let records: Vec<Vec4> =
         places.iter().flat_map(|p| [p.position.extend(p.light as f32), p.normal.extend(0.0)]).collect();
     let places = gpu.upload("test/places", &records).unwrap();
-    let results = gpu.poisoned::<[f32; 4]>("test/results", count * per_item).unwrap();
-    let own = Resources::new().with("places", &places).with("results", &results);
-    let bound = kernel.bind(gpu, entry, &[&own, gpu_scene]).unwrap();
-    let mut frame = gpu.frame("test");
-    frame.run(&bound, count as u32, &[0u32; 0]);
-    frame.submit().unwrap();
-    let got = gpu.read::<[f32; 4]>(&results, count * per_item).unwrap();
-    assert!(got.iter().flatten().all(|v| v.is_finite()), "poison or worse in the results of {entry}");
-    got
+    let own = Resources::new().with("places", &places);
+    results(gpu, &kernel, entry, &[&own, gpu_scene], count, per_item)
 }
 
 fn grid(centre: DVec3, half: DVec3, other: DVec3, n: usize, keep: impl Fn(usize, usize) -> bool) -> Vec<Corners> {

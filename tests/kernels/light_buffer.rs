@@ -14,9 +14,10 @@ use penumbra::settings::Technique;
 
 use crate::kit::published;
 use crate::light::{sphere, square};
+use crate::octahedral::{oct_decode, oct_encode};
 use crate::path::{camera, scene, surface};
 use crate::random::Random;
-use crate::stage::{EDGE, Stage, crossings, oct_decode, oct_encode, whole};
+use crate::stage::{EDGE, Stage, crossings, whole};
 
 const POSITION: Vec3 = Vec3::new(0.15, 0.38, 0.1);
 const SPOT: Vec3 = Vec3::new(-0.3, 0.3, 0.3);
@@ -172,9 +173,10 @@ impl Setup {
         let mut tile_buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
         tile_buffers.points = published(gpu, "test/points", points);
         let mut all = Vec::new();
-        // In two chunks.
-        let lights = stage.scene.lights.len() as u32;
-        for (first_light, lights) in [(0, 2), (2, lights - 2)] {
+        // In chunks of two lights.
+        let all_lights = stage.scene.lights.len() as u32;
+        for first_light in (0..all_lights).step_by(2) {
+            let lights = (all_lights - first_light).min(2);
             let candidates = lights as usize * points.len();
             let classes = gpu.poisoned::<u32>("test/classes", candidates + 3).unwrap();
             let bound = pass.bind(gpu, &tile_buffers, buffers, &classes, &stage.gpu_scene).unwrap();
@@ -289,26 +291,9 @@ fn full_lists_decide_nothing(gpu: &Gpu) {
     let setup = Setup { stage, points: vec![point(0.001), point(0.06), point(0.4)], lines: Vec::new() };
     // A single cell a face: all of the stack is in the one that has the floor.
     let buffers = LightBuffers::new(&setup.stage.scene, setup.lights(), 1);
-    let Setup { stage, points, .. } = &setup;
-    let pass = LightBufferPass::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
-    let tile = whole([points.len() as u32, 1], 1);
-    let mut tile_buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
-    tile_buffers.points = published(gpu, "test/points", points);
-    let classes = |buffers: &LightBuffers| {
-        let classes = gpu.poisoned::<u32>("test/classes", 3).unwrap();
-        let bound = pass.bind(gpu, &tile_buffers, buffers, &classes, &stage.gpu_scene).unwrap();
-        let mut frame = gpu.frame("test");
-        bound.record(
-            &mut frame,
-            &tile,
-            &Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditProbabilities::default() },
-        );
-        frame.submit().unwrap();
-        let words: Vec<u32> = gpu.read(&classes, 3).unwrap();
-        words.into_iter().map(|word| Classified::new(word).class).collect::<Vec<_>>()
-    };
+    let classes = |buffers: &LightBuffers| setup.classes(gpu, buffers);
     assert_eq!(classes(&buffers)[1..], [Class::Unknown; 2], "of one cell");
-    let fine = LightBuffers::new(&stage.scene, setup.lights(), 64);
+    let fine = LightBuffers::new(&setup.stage.scene, setup.lights(), 64);
     assert_eq!(classes(&fine)[2], Class::Lit, "of 64 cells");
 
     let many = lights(900);

@@ -20,6 +20,8 @@ mod light;
 mod light_buffer;
 #[path = "../common/meshes.rs"]
 mod meshes;
+#[path = "../common/octahedral.rs"]
+mod octahedral;
 mod path;
 mod photon_lights;
 mod photons;

@@ -13,8 +13,9 @@ use penumbra::settings::Technique;
 
 use crate::kit::new_kernel;
 use crate::light::square;
+use crate::octahedral::oct_decode;
 use crate::path::{camera, scene, surface};
-use crate::stage::{Crossing, Stage, crossings, oct_decode};
+use crate::stage::{Crossing, Stage, crossings};
 use crate::statistics::chi_square;
 
 const SEED: u32 = 9;

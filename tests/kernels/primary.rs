@@ -11,14 +11,15 @@ use penumbra::internal::scene::{
     AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Specular, Texture, TextureImage, TextureInfo,
     Transmission, Wrap,
 };
-use penumbra::internal::specialisation::features::Feature;
+use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
 use crate::light::{Corners, sphere, square};
+use crate::octahedral::oct_decode;
 use crate::path::{camera, scene, surface};
 use crate::random::Random;
-use crate::stage::{Crossing, Stage, constant, crossings, hash, oct_decode, pixel_of, sobol1, whole};
+use crate::stage::{Crossing, Stage, constant, crossings, hash, pixel_of, sobol1, whole};
 
 /// Faults planted in the oracle, which the comparison must find.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -385,14 +386,13 @@ impl Outcome {
     }
 }
 
+fn with_all_outputs(features: Features) -> Features {
+    let outputs = [Feature::AovAlbedo, Feature::AovNormal, Feature::AovPosition, Feature::Guides];
+    outputs.into_iter().fold(features, |features, output| features.with(output, true))
+}
+
 fn stage(gpu: &Gpu, camera: &Camera, size: [u32; 2]) -> Stage {
-    Stage::new(gpu, panels(), camera, size, Technique::TWO_PASS, |features| {
-        features
-            .with(Feature::AovAlbedo, true)
-            .with(Feature::AovNormal, true)
-            .with(Feature::AovPosition, true)
-            .with(Feature::Guides, true)
-    })
+    Stage::new(gpu, panels(), camera, size, Technique::TWO_PASS, with_all_outputs)
 }
 
 /// Room for the guides of one point more than `count`.
@@ -545,13 +545,7 @@ fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
 
 /// Runs the pass for a view of specular surfaces. All outputs have room for one more point.
 fn trace_chains(gpu: &Gpu, scene: Scene, camera: &Camera, size: [u32; 2], samples: u32) -> TileBuffers {
-    let stage = Stage::new(gpu, scene, camera, size, Technique::TWO_PASS, |features| {
-        features
-            .with(Feature::AovAlbedo, true)
-            .with(Feature::AovNormal, true)
-            .with(Feature::AovPosition, true)
-            .with(Feature::Guides, true)
-    });
+    let stage = Stage::new(gpu, scene, camera, size, Technique::TWO_PASS, with_all_outputs);
     assert!(stage.features.has(Feature::SpecularChains), "no mirror and no clear glass");
     let tile = Tile { centred: 1.0, ..whole(size, samples) };
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();

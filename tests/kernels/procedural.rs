@@ -1,7 +1,7 @@
 //! `shaders/lib/procedural.wgsl`: intersections of rays with procedural objects, against closed forms.
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use kernel_kit::{Gpu, Resources, kernel_test};
+use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::procedural::Role;
 use penumbra::internal::scene::Scene;
@@ -12,16 +12,10 @@ use crate::meshes::{camera, scene, square, surface};
 use crate::procedurals::{Object, place, sphere};
 use crate::rooms::Random;
 use crate::stage::Stage;
+use crate::traverse::{Ray, trace};
 
 const OBJECT: u32 = 1 << 31;
 const NO_HIT: u32 = u32::MAX;
-
-#[derive(Clone, Copy)]
-struct Ray {
-    origin: Vec3,
-    direction: Vec3,
-    t_max: f32,
-}
 
 /// Runs an entry point of `shaders/traverse.wgsl` on rays. Returns its answers, and the counts of lost rays.
 fn run(gpu: &Gpu, stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [u32; 2]) {
@@ -29,19 +23,9 @@ fn run(gpu: &Gpu, stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [
     let mut constants = stage.gpu_scene.constants();
     constants.extend([("ray_count", rays.len() as f64), ("primitive_count", 0.0)]);
     let kernel = new_kernel(gpu, &composed, &composed.overrides(&constants), &["rays", "answers"]).unwrap();
-    let texels: Vec<[f32; 4]> = rays
-        .iter()
-        .flat_map(|ray| [ray.origin.extend(0.0).to_array(), ray.direction.extend(ray.t_max).to_array()])
-        .collect();
-    let rays_buffer = gpu.upload("test/rays", &texels).unwrap();
-    let answers = gpu.poisoned::<[u32; 4]>("test/answers", rays.len()).unwrap();
-    let own = Resources::new().with("rays", &rays_buffer).with("answers", &answers);
-    let bound = kernel.bind(gpu, entry, &[&own, &stage.gpu_scene]).unwrap();
-    let mut frame = gpu.frame("test");
-    frame.run(&bound, rays.len() as u32, &[0u32; 0]);
-    frame.submit().unwrap();
+    let answers = trace(gpu, &kernel, entry, rays, 1, &stage.gpu_scene);
     let misses: Vec<u32> = gpu.read(&stage.gpu_scene.procedural_misses, 2).unwrap();
-    (gpu.read(&answers, rays.len()).unwrap(), [misses[0], misses[1]])
+    (answers, [misses[0], misses[1]])
 }
 
 fn stage(gpu: &Gpu, scene: Scene) -> Stage {

@@ -1,10 +1,12 @@
 //! Photons and points for the tests of the photon map, computed on the CPU: a room of rectangles under a square light,
 //! and the brute-force answers.
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use penumbra::internal::kernels::INVALID_POINT;
 use penumbra::internal::passes::Point;
 use penumbra::internal::passes::grid::Photon;
+
+use crate::octahedral::{oct_decode, oct_encode, oct_encode7};
 
 /// A generator for tests (PCG, Jarzynski and Olano 2020).
 pub struct Random(pub u32);
@@ -36,39 +38,22 @@ impl Random {
     }
 }
 
-fn oct_wrap(n: Vec3) -> Vec2 {
-    let p = Vec2::new(n.x, n.y) / (n.x.abs() + n.y.abs() + n.z.abs());
-    let sign = |v: f32| if v >= 0.0 { 1.0 } else { -1.0 };
-    if n.z >= 0.0 { p } else { Vec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y)) }
-}
-
-fn oct_unwrap(x: f64, y: f64) -> DVec3 {
-    let z = 1.0 - x.abs() - y.abs();
-    let fold = (-z).max(0.0);
-    let unfold = |v: f64| v - if v >= 0.0 { fold } else { -fold };
-    DVec3::new(unfold(x), unfold(y), z).normalize()
-}
-
 /// The word of a photon that represents one hit.
 pub fn photon(position: Vec3, normal: Vec3, light: u32, shadow: bool) -> Photon {
-    let q = (oct_wrap(normal) * 63.0 + 63.0).round().as_uvec2();
-    Photon { position: position.to_array(), word: q.x | (q.y << 7) | (light << 14) | (u32::from(shadow) << 31) }
+    let word = oct_encode7(normal.as_dvec3()) | (light << 14) | (u32::from(shadow) << 31);
+    Photon { position: position.to_array(), word }
 }
 
 pub fn photon_normal(word: u32) -> DVec3 {
-    let level = |bits: u32| (f64::from(bits & 127) - 63.0) / 63.0;
-    oct_unwrap(level(word), level(word >> 7))
+    oct_decode(word, 7)
 }
 
 pub fn point(position: Vec3, normal: Vec3) -> Point {
-    let q = (oct_wrap(normal) * 32767.0).round();
-    let bits = |v: f32| u32::from(v as i16 as u16);
-    Point { position: position.to_array(), normal: bits(q.x) | (bits(q.y) << 16) }
+    Point { position: position.to_array(), normal: oct_encode(normal.as_dvec3()) }
 }
 
 pub fn point_normal(normal: u32) -> DVec3 {
-    let level = |bits: u32| (f64::from(bits as u16 as i16) / 32767.0).max(-1.0);
-    oct_unwrap(level(normal), level(normal >> 16))
+    oct_decode(normal, 16)
 }
 
 /// A one-sided rectangle: a corner, two edges, and their cross product for the normal.
@@ -93,6 +78,16 @@ impl Rectangle {
     }
 }
 
+/// The sides of a cube of half-edge `half`.
+pub fn cube(centre: Vec3, half: f32, rotation: Mat3) -> impl Iterator<Item = Rectangle> {
+    let sides = (0..3).flat_map(|axis| [-1.0, 1.0].map(|sign| (axis, sign)));
+    sides.map(move |(axis, sign)| {
+        let n = Vec3::AXES[axis] * sign * half;
+        let (a, b) = (Vec3::AXES[(axis + 1) % 3] * half * sign, Vec3::AXES[(axis + 2) % 3] * half);
+        Rectangle(centre + rotation * (n - a - b), rotation * a * 2.0, rotation * b * 2.0)
+    })
+}
+
 /// The box of the paper at half its size: a room without its front, a rotated cube, and a square light of half-width
 /// `light` below the ceiling.
 pub struct Room {
@@ -110,15 +105,9 @@ impl Room {
             Rectangle(v(-0.5, -0.5, -0.5), v(0.0, 1.0, 0.0), v(0.0, 0.0, 1.0)),
             Rectangle(v(0.5, -0.5, -0.5), v(0.0, 0.0, 1.0), v(0.0, 1.0, 0.0)),
         ];
-        let rotation = glam::Mat3::from_rotation_y(20f32.to_radians());
+        let rotation = Mat3::from_rotation_y(20f32.to_radians());
         let (centre, half) = (v(0.15, -0.325, 0.05), 0.175);
-        for axis in 0..3 {
-            for sign in [-1.0, 1.0] {
-                let n = Vec3::AXES[axis] * sign * half;
-                let (a, b) = (Vec3::AXES[(axis + 1) % 3] * half * sign, Vec3::AXES[(axis + 2) % 3] * half);
-                rectangles.push(Rectangle(centre + rotation * (n - a - b), rotation * a * 2.0, rotation * b * 2.0));
-            }
-        }
+        rectangles.extend(cube(centre, half, rotation));
         Room { rectangles, light }
     }
 

@@ -17,22 +17,19 @@ use penumbra::settings::Technique;
 
 use crate::kit::{device_features, new_kernel, published};
 use crate::light::{sphere, square};
+use crate::octahedral::oct_encode;
 use crate::path::{camera, scene, surface};
 use crate::random::{Random, RandomInput as _};
 use crate::rooms::photon;
-use crate::stage::{Stage, oct_encode};
+use crate::stage::Stage;
 use crate::statistics::{mean_and_error, z_test};
+use crate::ward::{Lamp, lit_floor};
 
 const LIGHTS: usize = 90;
 const LIGHTS_PER_POINT: u32 = 8;
 /// Number of pixels, one more than a workgroup has invocations, and samples per pixel.
 const PIXELS: u32 = 65;
 const SAMPLES: u32 = 1024;
-
-struct Lamp {
-    position: DVec3,
-    intensity: f64,
-}
 
 fn lamps() -> Vec<Lamp> {
     let mut random = Random(21);
@@ -51,13 +48,7 @@ fn lamps() -> Vec<Lamp> {
 }
 
 fn room(lamps: &[Lamp]) -> Scene {
-    let floor = square(DVec3::ZERO, DVec3::Z * 0.1, DVec3::X * 0.5);
-    let punctual = |lamp: &Lamp| LightKind::Point {
-        position: lamp.position.as_vec3(),
-        intensity: Vec3::splat(lamp.intensity as f32),
-        range: f32::INFINITY,
-    };
-    scene(&[(floor, surface(0.5, 0.0))], lamps.iter().map(punctual).collect())
+    lit_floor(square(DVec3::ZERO, DVec3::Z * 0.1, DVec3::X * 0.5), 0.5, lamps)
 }
 
 /// A row of ten zones. Photons are in the second, fifth and eighth zone, so that zones list 3, 40 and more than 64

@@ -16,9 +16,10 @@ use penumbra::settings::Technique;
 
 use crate::kit::published;
 use crate::light::{Corners, form_factor, sphere, square};
+use crate::octahedral::{oct_decode, oct_encode};
 use crate::path::{camera, scene, surface};
 use crate::random::{Random, RandomInput as _};
-use crate::stage::{Candidates, LightPoint, Stage, constant, hash, oct_decode, oct_encode, pixel_of, whole};
+use crate::stage::{Candidates, LightPoint, Stage, constant, hash, pixel_of, whole};
 use crate::statistics::{mean_and_error, z_test};
 
 const DARK: u32 = Class::Dark as u32;

@@ -13,9 +13,10 @@ use penumbra::settings::Technique;
 
 use crate::kit::published;
 use crate::light::square;
+use crate::octahedral::{oct_decode, oct_encode};
 use crate::path::{camera, scene, surface};
 use crate::random::{Random, RandomInput as _};
-use crate::stage::{Candidates, LightPoint, Stage, oct_decode, oct_encode, whole};
+use crate::stage::{Candidates, LightPoint, Stage, whole};
 
 /// Initial value of the counters: kernels add to them.
 const BEFORE: u32 = 1000;

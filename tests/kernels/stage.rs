@@ -97,26 +97,6 @@ pub fn crossings(scene: &Scene, origin: DVec3, direction: DVec3) -> Vec<Crossing
     found
 }
 
-/// The vector of an octahedral code of 16 bits a coordinate, or of 7 (levels 0 to 126).
-pub fn oct_decode(bits: u32, levels: u32) -> DVec3 {
-    let [x, y] = match levels {
-        7 => [bits & 127, bits >> 7 & 127].map(|level| (f64::from(level) - 63.0) / 63.0),
-        _ => [bits as u16, (bits >> 16) as u16].map(|level| (f64::from(level as i16) / 32767.0).max(-1.0)),
-    };
-    let z = 1.0 - x.abs() - y.abs();
-    let fold = |p: f64| p - (-z).max(0.0).copysign(p);
-    DVec3::new(fold(x), fold(y), z).normalize()
-}
-
-/// The octahedral code of a unit vector, 16 bits a coordinate; exact for the axes.
-pub fn oct_encode(n: DVec3) -> u32 {
-    let p = n / n.abs().element_sum();
-    let fold = |a: f64, b: f64| (1.0 - b.abs()).copysign(a);
-    let (x, y) = if p.z >= 0.0 { (p.x, p.y) } else { (fold(p.x, p.y), fold(p.y, p.x)) };
-    let code = |v: f64| u32::from((v * 32767.0).round() as i16 as u16);
-    code(x) | code(y) << 16
-}
-
 /// A sampled point of a light.
 #[derive(Clone, Copy, Debug)]
 pub struct LightPoint {

@@ -1,7 +1,7 @@
 //! Traversal in `shaders/lib/bvh.wgsl` against a loop over all triangles in double precision.
 
 use glam::{DVec2, DVec3, Vec3, vec3};
-use kernel_kit::{Gpu, Kernel, POISON, Resources, Table, TableFormat, kernel_test};
+use kernel_kit::{Bindings, Gpu, Kernel, POISON, Resources, Table, TableFormat, kernel_test};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -62,7 +62,7 @@ pub fn trace(
     entry: &str,
     rays: &[Ray],
     words: usize,
-    tables: &Resources<'_>,
+    tables: &dyn Bindings,
 ) -> Vec<[u32; 4]> {
     let texels: Vec<[f32; 4]> = rays
         .iter()

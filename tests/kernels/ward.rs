@@ -11,10 +11,11 @@ use penumbra::internal::specialisation::features::Feature;
 use penumbra::settings::Technique;
 
 use crate::kit::published;
-use crate::light::square;
+use crate::light::{Corners, square};
+use crate::octahedral::oct_encode;
 use crate::path::{camera, scene, surface};
 use crate::random::{Random, RandomInput as _};
-use crate::stage::{Stage, hash1, oct_encode, whole};
+use crate::stage::{Stage, hash1, whole};
 
 /// More lights than one dispatch of `order` processes.
 const LIGHTS: usize = 70;
@@ -23,9 +24,10 @@ const ASKED: u32 = 2;
 const SAMPLES: u32 = 1;
 const ALBEDO: f32 = 0.6;
 
-struct Lamp {
-    position: DVec3,
-    intensity: f64,
+/// A point light.
+pub struct Lamp {
+    pub position: DVec3,
+    pub intensity: f64,
 }
 
 fn lamps() -> Vec<Lamp> {
@@ -45,14 +47,19 @@ fn lamps() -> Vec<Lamp> {
     lamps
 }
 
-fn room(lamps: &[Lamp]) -> Scene {
-    let floor = square(DVec3::new(0.0, -0.5, 0.0), DVec3::Z * 0.6, DVec3::X * 0.6);
+/// A floor under lamps.
+pub fn lit_floor(floor: Vec<Corners>, albedo: f32, lamps: &[Lamp]) -> Scene {
     let punctual = |lamp: &Lamp| LightKind::Point {
         position: lamp.position.as_vec3(),
         intensity: Vec3::splat(lamp.intensity as f32),
         range: f32::INFINITY,
     };
-    scene(&[(floor, surface(ALBEDO, 0.0))], lamps.iter().map(punctual).collect())
+    scene(&[(floor, surface(albedo, 0.0))], lamps.iter().map(punctual).collect())
+}
+
+fn room(lamps: &[Lamp]) -> Scene {
+    let floor = square(DVec3::new(0.0, -0.5, 0.0), DVec3::Z * 0.6, DVec3::X * 0.6);
+    lit_floor(floor, ALBEDO, lamps)
 }
 
 /// The visibility bits of a candidate: random, with a different probability for each light.
