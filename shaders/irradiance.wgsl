@@ -6,7 +6,7 @@
 // the part of the irradiance that only focusing surfaces have scattered; or `radiance_indirect`. Lengths are in scene
 // units after normalisation; irradiance is in units of radiance times steradian.
 
-import package::lib::bvh::{hit_normal, traversal_overrun};
+import package::lib::bvh::{hit_normal, traversal_iterations, traversal_overrun};
 @if(negative_photons) import package::lib::bvh::trace_closest;
 import package::lib::packet::{no_ray, trace_closest_together};
 import package::kit::group_index;
@@ -64,9 +64,23 @@ var<immediate> irradiance_pass: IrradianceParameters;
 @if(photon_map || caustics) @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Maximum number of photons and rows that an estimate visits: a quarter of the iterations that lavapipe allows an
-// invocation.
+// Maximum number of photons and rows that an estimate visits.
 const MAX_VISITS = 16384u;
+
+// Maximum number of photons that a lane visits before the other lanes of its vector may go on to their next rows. On
+// lavapipe the lanes share 65,535 loop iterations. If each visited its rows to their ends, eight lanes whose long rows
+// come in turn would need eight times MAX_VISITS, and all loops would end in silence. So in each turn a lane visits
+// this many photons of its row, or ends the row. A lane has at most 9 x 9 rows, so there are at most
+// 81 + MAX_VISITS / PHOTONS_OF_TURN turns, of at most PHOTONS_OF_TURN + 2 iterations: 27,200 in all. Most rows have
+// fewer photons than this.
+const PHOTONS_OF_TURN = 128u;
+
+// Maximum number of iterations of the probes, with which those of the photons must fit into the 65,535. The lanes of a
+// packet have the same iterations, of which a third more are not counted with alpha tests (lib/packet). Of rays that
+// are traced one by one, as all that look for hidden surfaces, this is a quarter of what software devices allow: the
+// slowest lane may differ between rays (PATH_ITERATIONS in lib/path_tracing).
+@if(packets && !negative_photons) const PROBE_ITERATIONS = 28000u;
+@if(!packets || negative_photons) const PROBE_ITERATIONS = 16384u;
 
 // Maximum radius of the disc of an irradiance point, in cells. Where photons are sparse, such as in a room that is lit
 // through a door ajar, discs of one cell hold few photons, and are valid for few of the gather rays that land there.
@@ -209,8 +223,9 @@ struct Estimate {
 fn irradiance_at(position: vec3f, normal: vec3f, max_reach: f32, is_active: bool, lane: u32) -> Estimate {
     let reach = reach_at(position, max_reach);
     let share = covered(position, normal, select(0.0, reach * irradiance_pass.grid.cell, is_active), lane);
+    traversal_overrun |= traversal_iterations > PROBE_ITERATIONS;
     var disc: Disc;
-    if is_active { disc = flux_about(position, normal, reach, share.walls); }
+    if is_active && !traversal_overrun { disc = flux_about(position, normal, reach, share.walls); }
     // In a gap too narrow for every probe, the area is unknown, and so it is where the probes met the loop budget.
     var found: Estimate;
     found.disc = NO_ESTIMATE;
@@ -276,24 +291,31 @@ fn flux_about(position: vec3f, normal: vec3f, reach: f32, walls: Walls) -> Disc 
     var visits = 0u;
     let ball = point_ball(at, reach, normal);
     let rows = rows_about(grid, ball);
-    for (var z = rows.y; z <= rows.w; z++) {
-        for (var y = rows.x; y <= rows.z; y++) {
-            let row = row_photons(grid, 0u, vec2i(y, z), ball);
+    let size = max(rows.zw - rows.xy + 1, vec2i(0));
+    // The photons of the present row that are not visited yet.
+    var row = vec2u(0u);
+    var next = 0;
+    while next < size.x * size.y || row.x < row.y {
+        if row.x >= row.y {
+            row = row_photons(grid, 0u, rows.xy + vec2i(next % size.x, next / size.x), ball);
+            next++;
             visits += row.y - row.x + 1u;
             if visits > MAX_VISITS {
                 traversal_overrun = true;
                 return Disc();
             }
-            for (var p = row.x; p < row.y; p++) {
-                let photon = load_photon(p);
-                let v = bitcast<vec3f>(photon.xyz) - position;
-                let is_hidden = is_behind(walls.first, v) || is_behind(walls.second, v);
-                let counts = !is_hidden && counted_distance(photon, position, normal) <= limit;
-                let flux = select(vec3i(0), flux_of(photon.w), counts);
-                sum += flux;
-                @if(caustic_irradiance) { caustic += select(vec3i(0), flux, photon_is_caustic(photon.w)); }
-            }
         }
+        let end = min(row.x + PHOTONS_OF_TURN, row.y);
+        for (var p = row.x; p < end; p++) {
+            let photon = load_photon(p);
+            let v = bitcast<vec3f>(photon.xyz) - position;
+            let is_hidden = is_behind(walls.first, v) || is_behind(walls.second, v);
+            let counts = !is_hidden && counted_distance(photon, position, normal) <= limit;
+            let flux = select(vec3i(0), flux_of(photon.w), counts);
+            sum += flux;
+            @if(caustic_irradiance) { caustic += select(vec3i(0), flux, photon_is_caustic(photon.w)); }
+        }
+        row.x = end;
     }
     var disc: Disc;
     disc.flux = vec3f(sum) * irradiance_pass.step;

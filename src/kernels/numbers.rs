@@ -236,8 +236,9 @@ pub const FLUX_STEPS: u32 = 31;
 pub const MAX_FLUX: u32 = 512;
 
 /// Maximum number of lights whose unshadowed light a dispatch of pass `irradiance` adds: lavapipe ends all loops of an
-/// invocation after 65,535 iterations. Photons and probes take a quarter of these, and a light at most some twenty.
-pub const UNSHADOWED_LIGHTS: u32 = 2048;
+/// invocation after 65,535 iterations. Probes take a quarter of these, photons up to 18,000 (nine rows of cells in
+/// `shaders/irradiance.wgsl`), and a light at most some twenty.
+pub const UNSHADOWED_LIGHTS: u32 = 1024;
 
 /// Index of the count of photons stored, the first of the counts of pass `flux`.
 pub const FLUX_STORED: u32 = 0;

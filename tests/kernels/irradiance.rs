@@ -505,6 +505,72 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
     assert!(doubts * 5 < checked && partly > 50 && wide > 10 && hidden > 10);
 }
 
+/// A floor, a grid of cells a twentieth wide, and 16,000 photons of bright light in one of the cells, with few others.
+fn dense_cell() -> (Rectangle, GridShape, Vec<Photon>) {
+    let floor = Rectangle(Vec3::new(-0.5, -0.5, -0.5), Vec3::new(0.0, 0.0, 1.0), Vec3::new(1.0, 0.0, 0.0));
+    let shape = GridShape { origin: [-0.5; 3], cell: 0.05, size: [20; 3], inverse_cell: 20.0 };
+    let mut random = Random(11);
+    let mut near = || Vec3::new(0.015 + 0.02 * random.unit(), -0.5, 0.015 + 0.02 * random.unit());
+    let photons = (0..16_000).map(|_| carrying(near(), Vec3::Y, [31, 20, 1])).collect();
+    (floor, shape, photons)
+}
+
+/// Points around the dense cell, two cells from it in x and up to three in z: no photon is in the 27 cells around any
+/// of them, so their discs are four cells wide and have all photons of the dense cell.
+fn points_around_the_dense_cell() -> Vec<Photon> {
+    let position = |i: i32| Vec3::new(0.125, -0.5, 0.025 + 0.05 * i as f32);
+    (-3..4).map(|i| photon(position(i), Vec3::Y, 0, false)).collect()
+}
+
+/// The lanes of a vector visit a dense row one after the other, where it has another place among the rows of each. On
+/// lavapipe they share the iterations of loops, of which all photons of all lanes would take more than there are.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn dense_cells_are_not_too_dark(gpu: &Gpu) {
+    let (floor, shape, photons) = dense_cell();
+    let bench = Bench::new(gpu, &[floor]);
+    let points = points_around_the_dense_cell();
+    let map = bench.sort(gpu, &photons, shape);
+    let found = bench.estimate(
+        gpu,
+        &map,
+        &bench.sort(gpu, &points, irradiance_point_grid((BOUNDS, 1.0), points.len() as u32)),
+        1e-4,
+    );
+    let light = |radius: f64| 16_000.0 * 31.0 * 1e-4 / (PI * radius * radius);
+    assert_eq!(found.irradiances.len(), 7);
+    for (point, [red, ..]) in found.points.iter().zip(&found.irradiances) {
+        let radius = radius_of(&photons, &shape, point);
+        assert!((radius - 0.2).abs() < 1e-6);
+        assert!((f64::from(*red) / light(radius) - 1.0).abs() < 1e-4, "{point:?}: {red}, not {}", light(radius));
+    }
+}
+
+/// The iterations of the probes leave enough for the photons, or there is no estimate. The probes pass more and more
+/// floors at one place, all of which they must test.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn probes_leave_iterations_for_photons(gpu: &Gpu) {
+    let (floor, shape, photons) = dense_cell();
+    let (mut known, mut unknown) = (0, 0);
+    for floors in [100, 400, 800, 1200, 1380, 1590, 1830, 2100, 2410, 2780, 3200, 3680] {
+        let bench = Bench::new(gpu, &vec![floor; floors]);
+        let points = points_around_the_dense_cell();
+        let map = bench.sort(gpu, &photons, shape);
+        let grid = irradiance_point_grid((BOUNDS, 1.0), 1);
+        let found = bench.estimate(gpu, &map, &bench.sort(gpu, &points[3..4], grid), 1e-4);
+        let [red, _, _, radius] = found.irradiances[0];
+        let right = 16_000.0 * 31.0 * 1e-4 / (PI * 0.2 * 0.2);
+        println!("{floors} floors: {:.4} of the light, radius {radius}", f64::from(red) / right);
+        if radius == FAR {
+            assert_eq!(red, 0.0);
+            unknown += 1;
+        } else {
+            assert!((f64::from(red) / right - 1.0).abs() < 1e-4, "{floors} floors: {red}, not {right}");
+            known += 1;
+        }
+    }
+    assert!(known > 0 && unknown > 0, "{known} estimates, {unknown} without");
+}
+
 /// A surface uniformly covered with photons, and irradiance points on it.
 struct Lit {
     name: &'static str,
