@@ -1,7 +1,8 @@
 //! The one error type of the library. Every variant names what is at fault and what to do.
 //!
 //! Messages put the names of settings between backticks, as paths of fields: `` `visibility_map.nearest` ``. A program
-//! that has other names for settings can replace these; the command line does.
+//! that has other names for settings can replace these; the command line does. Names and other texts from files are
+//! between double quotes instead, so that a camera `time` keeps its name.
 
 use std::path::{Path, PathBuf};
 

@@ -75,7 +75,7 @@ impl File {
     pub fn check(&self, name: &str, role: Role) -> Checked<()> {
         let mut functions = self.module.functions.iter();
         let found = functions.find(|(_, f)| f.name.as_deref() == Some(name));
-        let (_, function) = found.ok_or_else(|| format!("has no function `{name}`"))?;
+        let (_, function) = found.ok_or_else(|| format!("has no function \"{name}\""))?;
         let (form, arguments, result) = match role {
             Role::Intersection => (
                 "fn(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f",
@@ -92,7 +92,7 @@ impl File {
         let inner = |ty: Handle<Type>| &self.module.types[ty].inner;
         let given = function.arguments.iter().map(|argument| inner(argument.ty));
         let fits = given.eq(arguments) && function.result.as_ref().is_some_and(|r| *inner(r.ty) == result);
-        if fits { Ok(()) } else { Err(format!("`{name}` is not of the form {form}")) }
+        if fits { Ok(()) } else { Err(format!("\"{name}\" is not of the form {form}")) }
     }
 
     /// Writes plain WGSL whose loops end. Functions in `named` are renamed to the second name of their pair. All other
@@ -133,8 +133,9 @@ impl File {
 }
 
 /// A problem on one line, with the number of its line in the file.
+/// A problem of naga's on one line, with names of the file in double quotes: backticks are for settings.
 fn at_line(problem: &str, location: Option<SourceLocation>) -> String {
-    let problem = problem.split_whitespace().collect::<Vec<_>>().join(" ");
+    let problem = problem.split_whitespace().collect::<Vec<_>>().join(" ").replace('`', "\"");
     location.map_or(problem.clone(), |at| format!("line {}: {problem}", at.line_number))
 }
 
@@ -163,7 +164,7 @@ fn check_size(module: &Module) -> Checked<()> {
             depths.push(depth.unwrap_or(0));
         }
         if statements.depth.max(depths.into_iter().max().unwrap_or(0)) > MAX_DEPTH {
-            return Err(format!("`{name}` is nested more than {MAX_DEPTH} deep"));
+            return Err(format!("\"{name}\" is nested more than {MAX_DEPTH} deep"));
         }
         // Functions precede their callers.
         let called: usize = statements.calls.iter().map(|callee| cost.get(callee.index()).copied().unwrap_or(0)).sum();
@@ -173,7 +174,7 @@ fn check_size(module: &Module) -> Checked<()> {
         let total = (function.expressions.len() + words.sum::<usize>()).saturating_add(called);
         if total > MAX_EXPRESSIONS {
             return Err(format!(
-                "`{name}` and the functions that it calls have {total} expressions, the maximum is {MAX_EXPRESSIONS}"
+                "\"{name}\" and the functions that it calls have {total} expressions, the maximum is {MAX_EXPRESSIONS}"
             ));
         }
         cost.push(total);
@@ -185,20 +186,20 @@ fn check_size(module: &Module) -> Checked<()> {
 fn check_purity(module: &Module, info: &ModuleInfo) -> Checked<()> {
     let refuse = |what: String| Err(format!("{what}: such a file may contain only functions, structs and constants"));
     if let Some((_, variable)) = module.global_variables.iter().next() {
-        return refuse(format!("declares the variable `{}`", variable.name.as_deref().unwrap_or_default()));
+        return refuse(format!("declares the variable \"{}\"", variable.name.as_deref().unwrap_or_default()));
     }
     if let Some((_, value)) = module.overrides.iter().next() {
-        return refuse(format!("declares the override `{}`", value.name.as_deref().unwrap_or_default()));
+        return refuse(format!("declares the override \"{}\"", value.name.as_deref().unwrap_or_default()));
     }
     if let Some(entry) = module.entry_points.first() {
-        return refuse(format!("declares the entry point `{}`", entry.name));
+        return refuse(format!("declares the entry point \"{}\"", entry.name));
     }
     for (handle, function) in module.functions.iter() {
         let name = function.name.as_deref().unwrap_or_default();
         let statements = Statements::of(function);
         if statements.impure || !info[handle].available_stages.contains(ShaderStages::COMPUTE) {
             return Err(format!(
-                "`{name}` does more than compute: it discards, waits for other invocations or reads their values"
+                "\"{name}\" does more than compute: it discards, waits for other invocations or reads their values"
             ));
         }
     }

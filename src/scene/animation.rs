@@ -68,7 +68,7 @@ pub(super) fn pose(root: &Json, accessors: &[Accessor], options: &ImportOptions,
         let property = match target {
             Target::Property(property) => property,
             Target::Unknown(name) => {
-                notes.push(format!("the animation of `{name}` is not played: the property is not known"));
+                notes.push(format!("the animation of \"{name}\" is not played: the property is not known"));
                 continue;
             }
         };

@@ -136,7 +136,7 @@ fn camera(json: &Json) -> Result<CameraKind> {
         ("perspective" | "orthographic", ..) => {
             return Err(json.error(format!("needs the property `{kind}` and no other projection")));
         }
-        _ => return Err(json.error(format!("unknown type `{kind}`"))),
+        _ => return Err(json.error(format!("unknown type \"{kind}\""))),
     };
     if far <= near {
         let properties = perspective.or(orthographic).unwrap_or_else(|| json.clone());
@@ -175,7 +175,8 @@ impl CameraKind {
             Some([up.cross(backward), up, backward].map(|axis| axis.as_vec3()))
         });
         let Some(axes) = axes else {
-            notes.push(format!("camera `{name}` is left out: its node has a scale of zero, so it has no orientation"));
+            notes
+                .push(format!("camera \"{name}\" is left out: its node has a scale of zero, so it has no orientation"));
             return Ok(None);
         };
         let (near, far) = ((self.near * scale) as f32, (self.far * scale) as f32);

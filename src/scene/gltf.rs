@@ -319,7 +319,7 @@ fn check_asset(root: &Json, notes: &mut Notes) -> Result<()> {
     let text = version.string()?;
     let is_number = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
     if !text.split_once('.').is_some_and(|(major, minor)| major == "2" && is_number(minor)) {
-        return Err(version.error(format!("glTF version `{text}`, only 2.x is supported")));
+        return Err(version.error(format!("glTF version \"{text}\", only 2.x is supported")));
     }
     // A later version 2.x renders as 2.0 does, unless the file says that it does not.
     if let Some(needed) = root.require("asset")?.get("minVersion")?

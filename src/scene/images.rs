@@ -180,7 +180,7 @@ impl Encoded<'_> {
             Error::Input { problem, .. } => problem.clone(),
             other => other.to_string(),
         };
-        notes.push(format!("image `{}` is left out, and so are the textures that show it: {problem}", self.name));
+        notes.push(format!("image \"{}\" is left out, and so are the textures that show it: {problem}", self.name));
         self.content = Content::Broken;
     }
 

@@ -91,7 +91,7 @@ impl<'r, 'a> Reader<'r, 'a> {
                 "LINEAR" => Interpolation::Linear,
                 "STEP" => Interpolation::Step,
                 "CUBICSPLINE" => Interpolation::CubicSpline,
-                other => return Err(name.error(format!("unknown interpolation `{other}`"))),
+                other => return Err(name.error(format!("unknown interpolation \"{other}\""))),
             },
         };
         let [input_json, output_json] = [json.require("input")?, json.require("output")?];

@@ -59,7 +59,7 @@ impl Scene {
             return Err(format!("an iris must have no blades or from 3 to {MAX_BLADES}, not {}", iris.blades));
         }
         let Projection::Perspective { yfov, .. } = camera.projection else {
-            return Err(format!("camera `{}` is orthographic, which has no iris", camera.name));
+            return Err(format!("camera \"{}\" is orthographic, which has no iris", camera.name));
         };
         let focal_length = 0.5 * FILM_HEIGHT / (0.5 * f64::from(yfov)).tan();
         let scale = self.normalisation.scale();

@@ -139,7 +139,7 @@ fn punctual(index: usize, json: &Json, notes: &mut Notes) -> Result<Option<Punct
             Kind::Spot { inner, outer }
         }
         other => {
-            notes.push(format!("light {index} has the unknown type `{other}` and is left out"));
+            notes.push(format!("light {index} has the unknown type \"{other}\" and is left out"));
             return Ok(None);
         }
     };
@@ -190,7 +190,7 @@ impl Punctual {
             return Err(node.error("its light is out of range for a scene of this size"));
         }
         if strength == Vec3::ZERO {
-            notes.push(format!("light `{name}` emits nothing and is left out"));
+            notes.push(format!("light \"{name}\" emits nothing and is left out"));
             return Ok(None);
         }
         let direction = direction(world).map(|d| d.as_vec3());
@@ -205,7 +205,9 @@ impl Punctual {
             }
             (Kind::Directional, Some(direction)) => LightKind::Directional { direction, irradiance: strength },
             (_, None) => {
-                notes.push(format!("light `{name}` is left out: its node has a scale of zero, so it has no direction"));
+                notes.push(format!(
+                    "light \"{name}\" is left out: its node has a scale of zero, so it has no direction"
+                ));
                 return Ok(None);
             }
         };

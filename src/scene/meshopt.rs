@@ -75,7 +75,7 @@ fn compressed<'a>(view: &Json<'a>, buffers: &'a [Buffer]) -> Result<Option<Compr
         "ATTRIBUTES" => Mode::Attributes,
         "TRIANGLES" => Mode::Triangles,
         "INDICES" => Mode::Indices,
-        other => return Err(mode.error(format!("`{other}` is neither ATTRIBUTES nor TRIANGLES nor INDICES"))),
+        other => return Err(mode.error(format!("\"{other}\" is neither ATTRIBUTES nor TRIANGLES nor INDICES"))),
     };
     let stride = json.require("byteStride")?;
     let count = json.require("count")?;

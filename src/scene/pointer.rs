@@ -91,7 +91,7 @@ impl Property {
     /// What is wrong with the pointer.
     pub fn find(document: &Value, pointer: &str) -> Result<Option<Property>, String> {
         if !pointer.is_empty() && !pointer.starts_with('/') {
-            return Err(format!("`{pointer}` is not a JSON pointer: it must begin with /"));
+            return Err(format!("\"{pointer}\" is not a JSON pointer: it must begin with /"));
         }
         let parts: Vec<&str> = pointer.split('/').skip(1).collect();
         let (values, range) = match parts[..] {
@@ -101,7 +101,7 @@ impl Property {
                 None => return Ok(None),
             },
         };
-        let missing = |at: &str| format!("`{pointer}` leads to nothing: there is no `{at}`");
+        let missing = |at: &str| format!("\"{pointer}\" leads to nothing: there is no \"{at}\"");
         let (last, parents) = parts.split_last().ok_or_else(|| missing(""))?;
         let owner = match parts[..] {
             [list, index, ..] => document.get(list).and_then(|list| list.get(index_of(index)?)),
@@ -113,7 +113,7 @@ impl Property {
             let owner = owner.ok_or_else(|| missing(index))?;
             let count = mesh_of(document, owner).map_or(0, target_count);
             if count == 0 {
-                return Err(format!("`{pointer}` is of a mesh that has no morph targets"));
+                return Err(format!("\"{pointer}\" is of a mesh that has no morph targets"));
             }
             let is_weight = rest.len() > 1;
             if is_weight && index_of(last).is_none_or(|index| index >= count) {
@@ -142,7 +142,7 @@ impl Property {
         }
         let is_transform = matches!(parts[..], ["nodes", _, _]);
         if is_transform && owner.is_some_and(|node| node.get("matrix").is_some()) {
-            return Err(format!("`{pointer}` is of a node that has a matrix"));
+            return Err(format!("\"{pointer}\" is of a node that has a matrix"));
         }
         Ok(Some(Property { pointer: pointer.to_owned(), values, range, is_weight: false }))
     }

@@ -64,7 +64,7 @@ impl Reader<'_> {
         let role = match kind.string()? {
             "intersection" => Role::Intersection,
             "distance" => Role::Distance,
-            other => return Err(kind.error(format!("`{other}` is neither intersection nor distance"))),
+            other => return Err(kind.error(format!("\"{other}\" is neither intersection nor distance"))),
         };
         let function = self.function(&json, role)?;
         let corner = |key: &str| -> Result<Vec3> {
@@ -157,7 +157,7 @@ fn plain(material: Material, notes: &mut Notes) -> Material {
     let name = &material.name;
     let mut note = |has: bool, what: &str| {
         if has {
-            notes.push(format!("procedural objects have no {what}: that of material `{name}` is ignored for them"));
+            notes.push(format!("procedural objects have no {what}: that of material \"{name}\" is ignored for them"));
         }
     };
     note(material.visible_textures().next().is_some(), "texture coordinates");

@@ -75,22 +75,28 @@ fn images_that_are_missing_and_variants_that_do_not_exist() {
         {"componentType": 5126, "type": "VEC2", "count": 3}],"#;
     // Corners at 0 0 0, 1 0 0 and 0 1 0.
     let buffer = "data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
-    let scene = scene(
-        folder.path(),
-        "image.gltf",
-        format!(
-            r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{"byteLength": 36, "uri": "{buffer}"}}], {uvs}
+    let with_image = |uri: &str| {
+        scene(
+            folder.path(),
+            "image.gltf",
+            format!(
+                r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{"byteLength": 36, "uri": "{buffer}"}}], {uvs}
             "extensions": {{"KHR_materials_variants": {{"variants": [{{"name": "red"}}, {{"name": "blue"}}]}}}},
-            "images": [{{"uri": "not there.png"}}], "textures": [{{"source": 0}}],
+            "images": [{{"uri": "{uri}"}}], "textures": [{{"source": 0}}],
             "materials": [{{"pbrMetallicRoughness": {{"baseColorTexture": {{"index": 0}}}}}}],
             "meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0, "TEXCOORD_0": 1}}, "material": 0}}]}}],
             "nodes": [{{"mesh": 0}}]}}"#
-        ),
-    );
+            ),
+        )
+    };
+    // A name that a setting has too, which would be replaced by its flag.
+    let named = run("plan --lenient", &[&with_image("time")]);
+    assert!(named.assert_done().stdout.contains("image \"time\" is left out"), "{named:?}");
+    let scene = with_image("not there.png");
     assert_refused(folder.path(), &scene, &["/images/0/uri", "not there.png", "--lenient"]);
     let lenient = run("plan --lenient", &[&scene]);
     let text = &lenient.assert_done().stdout;
-    assert!(text.contains("image `not there.png` is left out") && text.contains("available: red, blue"), "{text}");
+    assert!(text.contains("image \"not there.png\" is left out") && text.contains("available: red, blue"), "{text}");
     let text = run("plan --lenient --variant blue", &[&scene]);
     assert!(!text.assert_done().stdout.contains("variant"), "{text:?}");
     run("plan --lenient --variant pink", &[&scene]).assert_refused(2, &["'pink'", "red, blue"]);

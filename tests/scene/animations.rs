@@ -331,7 +331,7 @@ fn pointers_lead_to_whole_numbers() {
 #[test]
 fn animations_of_unknown_properties_are_noted() {
     let file = with_bytes(File::triangle(), "/nodes/0/extensions/ACME_switch/on", [0, 1, 1], "STEP");
-    assert!(load(&file, 1.0).notes.iter().any(|note| note.contains("ACME_switch/on` is not played")));
+    assert!(load(&file, 1.0).notes.iter().any(|note| note.contains("ACME_switch/on\" is not played")));
 }
 
 /// A channel without a node is for extensions, and is left out.

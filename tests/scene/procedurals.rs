@@ -83,7 +83,7 @@ fn materials_are_plain() {
     assert_eq!(material.emissive, Vec3::ZERO);
     for word in ["no emission", "no alpha"] {
         assert_eq!(
-            scene.notes.iter().filter(|n| n.contains(word) && n.contains("`lamp`")).count(),
+            scene.notes.iter().filter(|n| n.contains(word) && n.contains("\"lamp\"")).count(),
             1,
             "{:?}",
             scene.notes
@@ -114,10 +114,10 @@ fn bad_extensions_are_refused_where_they_are_bad() {
         ("source", json!("data:text/plain,%0a%ff"), "line 2: is not text in UTF-8"),
         ("source", json!("."), "empty path"),
         ("source", json!(null), "not a string"),
-        ("function", json!("cube"), "has no function `cube`"),
+        ("function", json!("cube"), "has no function \"cube\""),
         ("function", json!(7), "not a string"),
-        ("kind", json!("distance"), "`sphere` is not of the form fn(position: vec3f, parameters: vec4f) -> f32"),
-        ("kind", json!("mesh"), "`mesh` is neither"),
+        ("kind", json!("distance"), "\"sphere\" is not of the form fn(position: vec3f, parameters: vec4f) -> f32"),
+        ("kind", json!("mesh"), "\"mesh\" is neither"),
         ("min", json!([1, -1, -1]), "is not beyond `min`"),
         ("max", json!([1, -2, 1]), "is not beyond `min`"),
         ("max", json!([1, 1]), "2 numbers, not 3"),
@@ -156,9 +156,9 @@ fn bad_functions_are_refused() {
     }
     let sum = format!("return vec4f({}1.0);", "nearest + ".repeat(5000));
     let cases = [
-        (String::new(), "has no function `sphere`"),
+        (String::new(), "has no function \"sphere\""),
         (SPHERE.to_owned() + "\0", "line"),
-        (SPHERE.to_owned() + SPHERE, "redefinition of `sphere`"),
+        (SPHERE.to_owned() + SPHERE, "redefinition of \"sphere\""),
         ("/* ".to_owned() + SPHERE, "line 1: unterminated"),
         (SPHERE.replace("sphere", "target"), "line"),
         (with("", "return vec4f(1 / 0);"), "line 2"),
@@ -174,12 +174,12 @@ fn bad_functions_are_refused() {
         ),
         (
             with("@group(0) @binding(0) var<storage, read_write> counters: array<u32>;", "return vec4f(0.0);"),
-            "`counters`",
+            "\"counters\"",
         ),
-        (with("var<private> traversal_iterations: u32;", "return vec4f(0.0);"), "`traversal_iterations`"),
-        (with("var<workgroup> shared_by_all: u32;", "return vec4f(0.0);"), "`shared_by_all`"),
-        (with("override radius = 1.0;", "return vec4f(radius);"), "`radius`"),
-        (with("@compute @workgroup_size(1) fn main() {}", "return vec4f(0.0);"), "`main`"),
+        (with("var<private> traversal_iterations: u32;", "return vec4f(0.0);"), "\"traversal_iterations\""),
+        (with("var<workgroup> shared_by_all: u32;", "return vec4f(0.0);"), "\"shared_by_all\""),
+        (with("override radius = 1.0;", "return vec4f(radius);"), "\"radius\""),
+        (with("@compute @workgroup_size(1) fn main() {}", "return vec4f(0.0);"), "\"main\""),
         (with("", "workgroupBarrier(); return vec4f(0.0);"), "more than compute"),
         (with("", "if nearest > 1.0 { discard; } return vec4f(0.0);"), "more than compute"),
         (with("", "return vec4f(dpdx(nearest));"), "more than compute"),

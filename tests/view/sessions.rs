@@ -319,7 +319,7 @@ fn a_camera_is_saved_into_a_copy_of_the_scene() {
     for (number, view) in [FROM_THE_RIGHT, rolled, flat].into_iter().enumerate() {
         let name = format!("copy {number}.glb");
         let shown = settle(&mut session, [Command::Camera(Viewpoint::Placed(view)), save(&name, "side", false)]);
-        assert!(shown.message.as_ref().is_some_and(|told| told.contains("camera `side`")), "{:?}", shown.message);
+        assert!(shown.message.as_ref().is_some_and(|told| told.contains("camera \"side\"")), "{:?}", shown.message);
         let copy = folder.path().join(&name);
         let scene = Scene::load(&copy, &ImportOptions::default()).unwrap();
         let camera = scene.cameras.iter().find(|camera| camera.name == "side").unwrap().clone();
@@ -344,7 +344,7 @@ fn a_camera_is_saved_into_a_copy_of_the_scene() {
     assert!(told(&mut session, save("copy.gltf", "side", false)).contains("extension"));
     assert!(fs::read(&file).unwrap() == before);
     assert!(told(&mut session, save("scene.glb", "side", true)).contains("wrote"));
-    assert!(told(&mut session, save("scene.glb", "side", true)).contains("`side 2`"));
+    assert!(told(&mut session, save("scene.glb", "side", true)).contains("\"side 2\""));
     let reloaded = settle(&mut session, [Command::Reload]);
     assert!(reloaded.cameras.iter().any(|name| name == "side"), "{:?}", reloaded.cameras);
     // A camera of the file that is orthographic and moves stays so.
@@ -509,7 +509,7 @@ fn inputs_are_not_written_over() {
     let refused = settle(&mut session, [replace(&panorama)]).message.unwrap();
     assert!(refused.contains("is an input, which would be overwritten"), "{refused}");
     let replaced = settle(&mut session, [replace(&scene)]).message.unwrap();
-    assert!(replaced.contains("camera `new`"), "{replaced}");
+    assert!(replaced.contains("camera \"new\""), "{replaced}");
 }
 
 /// A lost device is replaced, and the picture has the same bits.

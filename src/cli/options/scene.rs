@@ -341,7 +341,7 @@ impl SceneOptions {
     fn with_lens(&self, scene: &Scene, mut camera: Camera) -> Result<Camera> {
         if let Some(fov) = self.fov {
             let Projection::Perspective { yfov, .. } = &mut camera.projection else {
-                let problem = format!("--fov: camera `{}` is orthographic, which has no field of view", camera.name);
+                let problem = format!("--fov: camera \"{}\" is orthographic, which has no field of view", camera.name);
                 return Err(Error::Usage(problem));
             };
             *yfov = fov.to_radians() as f32;

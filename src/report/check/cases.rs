@@ -147,7 +147,8 @@ impl Cases {
     pub fn parse(text: &str, path: &Path) -> Result<Cases> {
         let file: GivenFile = toml::from_str(text).map_err(|problem| {
             let line = problem.span().map_or(1, |span| text[..span.start].lines().count().max(1));
-            Error::input(path, format!("line {line}"), problem.message())
+            // Backticks are for settings, and these are about what the file has.
+            Error::input(path, format!("line {line}"), problem.message().replace('`', "\""))
         })?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let baselines = folder.join(file.baselines.unwrap_or_else(|| "baselines".into()));
@@ -285,7 +286,7 @@ mod tests {
     fn mistakes_are_named() {
         for (text, expected) in [
             ("", "CASES.toml: the file has no cases"),
-            ("width = 3\n", "CASES.toml: line 1: unknown field `width`"),
+            ("width = 3\n", "CASES.toml: line 1: unknown field \"width\""),
             ("\n[[case]]\nscene = 1\n", "CASES.toml: line 3: invalid type: integer"),
             ("[[case]]\nname = \"a/b\"", "case a/b: a name must consist of letters"),
             ("[[case]]\nname = \"a\"\n[[case]]\nname = \"a\"", "case a: two cases have this name"),

@@ -19,7 +19,7 @@ impl Filter {
             "QUATERNION" => Ok(Some(Filter::Quaternion)),
             "EXPONENTIAL" => Ok(Some(Filter::Exponential)),
             "COLOR" if is_khr => Ok(Some(Filter::Colour)),
-            other => Err(format!("`{other}` is not a filter of this extension")),
+            other => Err(format!("\"{other}\" is not a filter of this extension")),
         }
     }
 

@@ -52,6 +52,6 @@ impl State {
         let camera = AddedCamera::new(name, scene, &camera, placed);
         let (bytes, name) = with_camera(self.shown_file(), file.parent().unwrap_or(Path::new("")), &camera)?;
         write_atomically(file, |output| Ok(output.write_all(&bytes)?))?;
-        Ok(format!("wrote {shown} with the camera `{name}`"))
+        Ok(format!("wrote {shown} with the camera \"{name}\""))
     }
 }
