@@ -58,14 +58,17 @@ impl ImageMemory {
         }
     }
 
-    /// Refuses an image that has no room in the memory that is available.
+    /// Refuses an image that has no room in the memory that is available. The film of `last` is released before it is
+    /// rendered.
     ///
     /// # Errors
     /// [`Error::Memory`].
-    pub(super) fn check(self, is_software: bool, settings: &Settings) -> Result<()> {
+    pub(super) fn check(self, last: Option<ImageMemory>, is_software: bool, settings: &Settings) -> Result<()> {
         let crop = settings.image.crop_window();
-        let film = if is_software || settings.image.piece.is_some() { self.film } else { 0 };
-        refuse_without_room([crop.width, crop.height], self.host + film, || remedy(settings))
+        let on_host = |film: u64| if is_software || settings.image.piece.is_some() { film } else { 0 };
+        let released = last.map_or(0, |last| on_host(last.film));
+        let needed = self.host + on_host(self.film);
+        refuse_unless([crop.width, crop.height], needed, released, || remedy(settings))
     }
 }
 
@@ -74,7 +77,12 @@ impl ImageMemory {
 /// # Errors
 /// [`Error::Memory`].
 pub(super) fn refuse_without_room(size: [u32; 2], needed: u64, remedy: impl Fn() -> String) -> Result<()> {
-    match memory::available_with_swap() {
+    refuse_unless(size, needed, 0, remedy)
+}
+
+/// [`refuse_without_room`], where as many bytes as `released` become available before.
+fn refuse_unless(size: [u32; 2], needed: u64, released: u64, remedy: impl Fn() -> String) -> Result<()> {
+    match memory::available_with_swap().map(|available| available.saturating_add(released)) {
         Some(available) if needed > available => Err(Error::Memory { size, needed, available, remedy: remedy() }),
         _ => Ok(()),
     }

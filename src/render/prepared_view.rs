@@ -51,14 +51,17 @@ pub(super) struct PreparedView {
 
 impl ViewOf<'_> {
     /// Runs the technique's first pass, but for the maps that are already made, and makes empty films.
-    pub fn prepare(&self, kernels: Kernels, made: MadeMaps, totals: &mut Totals) -> Result<PreparedView> {
+    pub fn prepare(
+        &self,
+        kernels: Kernels,
+        tile_size: TileSize,
+        made: MadeMaps,
+        totals: &mut Totals,
+    ) -> Result<PreparedView> {
         let start = Instant::now();
         let ViewOf { gpu, scene, gpu_scene, features, camera, settings } = *self;
-        let tile_size = TileSize::new(features, scene.lights.len(), settings)?;
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
         let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.has_light)?;
-        let memory = ImageMemory::of(features, indirect_kernels.has_light, settings);
-        memory.check(gpu.info.is_software(), settings)?;
         let primary = primary.bind(gpu, &buffers, gpu_scene)?;
         let stage = stage(settings, 0, grows(settings));
         let mut first_pass = FirstPass {
@@ -106,6 +109,21 @@ impl Kernels {
         let kernels = Kernels::new(gpu, specialisation, &gpu_scene.constants(), settings)?;
         gpu.compile_ahead(gpu_scene)?;
         Ok((kernels, start.elapsed().as_secs_f64()))
+    }
+
+    /// Whether the image has room in the machine's memory, once the image of `last` is released; and the size of its
+    /// tiles.
+    pub fn fit(
+        &self,
+        gpu: &Gpu,
+        scene: &Scene,
+        features: &Features,
+        settings: &Settings,
+        last: Option<ImageMemory>,
+    ) -> Result<TileSize> {
+        let memory = ImageMemory::of(features, self.indirect.has_light, settings);
+        memory.check(last, gpu.info.is_software(), settings)?;
+        TileSize::new(features, scene.lights.len(), settings)
     }
 
     fn new(

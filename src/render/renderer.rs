@@ -137,7 +137,8 @@ impl<'g> Renderer<'g> {
         totals.time_compile = time_compile;
         let features = &specialisation.features;
         let inputs = ViewOf { gpu, scene: &scene, gpu_scene: &gpu_scene, features, camera, settings };
-        let view = inputs.prepare(kernels, MadeMaps::default(), &mut totals)?;
+        let tile_size = kernels.fit(gpu, &scene, features, settings, None)?;
+        let view = inputs.prepare(kernels, tile_size, MadeMaps::default(), &mut totals)?;
 
         // A piece cannot count the points with highlights first. With glossy surfaces, nearly all points have one.
         let shade_at_once = settings.image.piece.is_some() && features.has(Feature::Glossy);

@@ -2,6 +2,7 @@
 
 use std::mem;
 
+use super::host_memory::ImageMemory;
 use super::photon_benefit::postpone_photons;
 use super::prepared_view::{Kernels, ViewOf};
 use super::renderer::Renderer;
@@ -22,8 +23,8 @@ impl Renderer<'_> {
     ///
     /// # Errors
     /// [`Error::Setting`] for a size out of range and for a piece, [`Error::Usage`] for a lens where the first camera
-    /// had none or the reverse, since kernels depend on it, and those of [`Renderer::new`]. The first two leave the
-    /// renderer as it was. After any other error it cannot be used.
+    /// had none or the reverse, since kernels depend on it, and those of [`Renderer::new`]. The first two and
+    /// [`Error::Memory`] leave the renderer as it was. After any other error it cannot be used.
     pub fn set_view(&mut self, camera: &Camera, size: [u32; 2]) -> Result<()> {
         self.begin_view(camera, size, false)
     }
@@ -59,15 +60,18 @@ impl Renderer<'_> {
             (s.image.width, s.image.height) = (width, height);
         });
         settings.check()?;
-        if !is_preview {
-            let anew = Specialisation::new(&self.scene, Some(camera), &settings);
-            let full = anew.with_deferred_of(&self.specialisation);
-            (self.specialisation, self.with_photons) = postpone_photons(full, &self.scene, camera, &settings);
+        let (specialisation, with_photons) = if is_preview {
+            (self.specialisation.clone(), None)
         } else {
-            self.with_photons = None;
-        }
+            let anew = Specialisation::new(&self.scene, Some(camera), &settings);
+            postpone_photons(anew.with_deferred_of(&self.specialisation), &self.scene, camera, &settings)
+        };
+        let (kernels, time_compile) = Kernels::compile(self.gpu, &specialisation, &self.gpu_scene, &settings)?;
+        let last = ImageMemory::new(&self.specialisation, &self.settings);
+        let tile_size = kernels.fit(self.gpu, &self.scene, &specialisation.features, &settings, Some(last))?;
+        // From here on the last view is given up.
+        (self.specialisation, self.with_photons) = (specialisation, with_photons);
         self.gpu_scene.set_camera(self.gpu, camera, [width, height]);
-        let (kernels, time_compile) = Kernels::compile(self.gpu, &self.specialisation, &self.gpu_scene, &settings)?;
         let made = self.take_maps(photons == Some(settings.photons_per_light()), is_preview);
         let mut totals = self.totals.of_another_view();
         totals.time_compile += time_compile;
@@ -82,7 +86,7 @@ impl Renderer<'_> {
             camera,
             settings: &settings,
         };
-        self.view = inputs.prepare(kernels, made, &mut totals)?;
+        self.view = inputs.prepare(kernels, tile_size, made, &mut totals)?;
         self.sampling = SamplingState::new(&settings.image, false);
         (self.camera, self.settings, self.totals) = (camera.clone(), settings, totals);
         self.has_other_views = true;

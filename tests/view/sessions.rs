@@ -9,11 +9,12 @@ use std::time::Duration;
 use glam::DVec3;
 use kernel_kit::{DeviceChoice, Gpu};
 use penumbra::internal::kernels::{CellKind, Class, ShownCell};
+use penumbra::internal::memory::available_with_swap;
 use penumbra::internal::render::photons::SurfacePoint;
 use penumbra::internal::scene::{AddedCamera, Extent, LookAt, NO_LIGHT, with_camera};
 use penumbra::internal::view::{Command, Event, Overlay, Session, Shown, Viewpoint, Worker, pick};
-use penumbra::settings::LightSampling;
-use penumbra::{Image, ImportOptions, Renderer, Scene, Settings, Technique};
+use penumbra::settings::{Aov, LightSampling};
+use penumbra::{Error, Image, ImportOptions, Renderer, Scene, Settings, Technique};
 use serde_json::json;
 
 use crate::builder::File;
@@ -120,6 +121,35 @@ fn another_view_of_a_renderer_has_the_bits_of_a_new_one() {
         renderer.set_view(&scene.cameras[0], [24, 20]).unwrap();
         assert!(first == complete(&mut renderer), "and back, {spp} samples");
     }
+}
+
+/// A view that has no room in memory is refused, and the render of the last one goes on.
+#[test]
+fn a_view_without_room_leaves_the_last_one() {
+    let aovs = [Aov::Direct, Aov::Indirect, Aov::Albedo, Aov::Normal, Aov::Position, Aov::Variance];
+    // 22 channels in 4 bytes, and on a software device six sums in 32.
+    let needed = u64::from(Settings::MAX_SIDE).pow(2) * (22 * 4 + if gpu().info.is_software() { 6 * 32 } else { 0 });
+    if available_with_swap().is_none_or(|available| available >= needed) {
+        eprintln!("this machine may have room for it");
+        return;
+    }
+    let scene = Scene::load(SPHERE, &ImportOptions::default()).unwrap();
+    let settings = Settings::builder().size(24, 20).spp(4).aovs(aovs).build().unwrap();
+    let new = || Renderer::new(gpu(), scene.clone(), &scene.cameras[0], &settings).unwrap();
+    let complete = |mut renderer: Renderer<'_>| {
+        while renderer.samples() < 4 {
+            renderer.render_batch().unwrap();
+        }
+        renderer.image().unwrap().rgb().unwrap().map(<[f32]>::to_vec)
+    };
+    let mut renderer = new();
+    renderer.render_batch().unwrap();
+    let side = Settings::MAX_SIDE;
+    let refused =
+        [renderer.set_view(&scene.frame_camera(), [side; 2]), renderer.preview(&scene.frame_camera(), [side; 2])];
+    assert!(refused.iter().all(|refused| matches!(refused, Err(Error::Memory { .. }))), "{refused:?}");
+    assert_eq!((renderer.samples(), renderer.settings().image.width), (1, 24));
+    assert!(complete(renderer) == complete(new()));
 }
 
 /// While the camera moves, the picture is smaller.

@@ -181,7 +181,11 @@ impl<'g> Session<'g> {
             _ => self.prepare(&scene, subject.clone(), eye.clone(), camera),
         };
         if let Err(problem) = outcome {
-            (self.render, self.failed) = (None, Some((subject, eye)));
+            self.failed = Some((subject, eye));
+            // A renderer that refused a view still has the last one.
+            if !matches!(problem, Error::Setting { .. } | Error::Usage(_) | Error::Memory { .. }) {
+                self.render = None;
+            }
             return Err(problem);
         }
         self.failed = None;
