@@ -255,7 +255,8 @@ fn add_metadata(renderer: &Renderer<'_>, image: &mut Image) {
     put("penumbra:technique", text(settings.technique.name()));
     put("penumbra:device", text(&renderer.gpu.info.name));
     put("penumbra:driver", text(&renderer.gpu.info.driver));
-    put("penumbra:seed", Metadata::Int(settings.image.seed as i32));
+    // As text, since integers of EXR end at 2^31 - 1.
+    put("penumbra:seed", Metadata::Text(settings.image.seed.to_string()));
     let lights = renderer.scene.placed_lights().len();
     put("penumbra:photons", Metadata::Int(settings.photons_of_light(lights) as i32));
     put("penumbra:nearest", Metadata::Int(settings.visibility_map.nearest as i32));

@@ -57,12 +57,13 @@ fn one_render_goes_to_several_files_by_their_extensions() {
     let folder = folder();
     let [exr, png, again] = ["a.exr", "b.PNG", "c.png"].map(|name| folder.path().join(name));
     fs::write(&png, "old").unwrap();
-    render("--spp 2 --view agx --exposure -1 --denoise none", &[&exr, &png, &again]).assert_done();
+    render("--spp 2 --seed 4294967295 --view agx --exposure -1 --denoise none", &[&exr, &png, &again]).assert_done();
     let image = Image::read(&exr).unwrap();
     assert_eq!((image.width, image.height), (24, 16));
     assert_eq!(channels(&image), ["A", "B", "G", "R"].into());
     assert!(image.channels.iter().all(|channel| channel.samples.iter().all(|x| x.is_finite())));
     assert_eq!(image.metadata["samplesPerPixel"], Metadata::Int(2));
+    assert_eq!(image.metadata["penumbra:seed"], Metadata::Text("4294967295".into()));
 
     // The PNG is that view of the EXR.
     let expected = folder.path().join("expected.png");
