@@ -23,9 +23,10 @@ impl fmt::Display for MissingSamples {
 /// The samples and the pixels of a piece.
 pub(super) type Extent = (SampleRange, Crop);
 
-/// Whether both have samples of the same numbers of some pixel.
+/// Whether both have samples of the same numbers of some pixel. A piece without pixels or samples has none.
 pub(super) fn overlap((a, at): &Extent, (b, there): &Extent) -> bool {
-    let both = |first: u32, length: u32, second: u32, other: u32| first < second + other && second < first + length;
+    let both =
+        |first: u32, length: u32, second: u32, other: u32| first.max(second) < (first + length).min(second + other);
     both(at.x, at.width, there.x, there.width)
         && both(at.y, at.height, there.y, there.height)
         && both(a.first, a.count(), b.first, b.count())
@@ -141,6 +142,9 @@ mod tests {
             (extent(2, 5, [8, 4, 4, 4]), false),
             (extent(0, 9, [0, 0, 4, 9]), false),
             (extent(0, 3, [0, 0, 5, 5]), true),
+            (extent(2, 5, [5, 4, 0, 4]), false),
+            (extent(2, 5, [4, 6, 4, 0]), false),
+            (extent(3, 3, [4, 4, 4, 4]), false),
         ] {
             assert_eq!(overlap(&piece, &other), expected, "{other:?}");
             assert_eq!(overlap(&other, &piece), expected, "{other:?}");
