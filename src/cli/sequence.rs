@@ -133,11 +133,11 @@ impl SequenceOptions {
     }
 
     /// Checks that the names of a sequence's files contain the placeholder, so that each frame has files of its own,
-    /// and that those of a single image do not.
-    pub fn check_names<'p>(&self, paths: impl Iterator<Item = &'p PathBuf>) -> Result<()> {
+    /// and that those of a single image do not. No frame of an output may have the file of another output's frame.
+    pub fn check_names<'p>(&self, paths: impl Iterator<Item = &'p PathBuf> + Clone) -> Result<()> {
         let is_sequence = self.numbers().is_some();
         let flag = if self.turntable.is_some() { "--turntable" } else { "--frames" };
-        for path in paths {
+        for path in paths.clone() {
             let has_placeholder = path.to_string_lossy().contains(PLACEHOLDER);
             let problem = match is_sequence {
                 true if !has_placeholder => {
@@ -153,6 +153,43 @@ impl SequenceOptions {
             };
             return Err(Error::Usage(format!("{}: {problem}", path.display())));
         }
+        for (i, one) in paths.clone().enumerate() {
+            paths.clone().take(i).try_for_each(|other| self.check_apart(one, other))?;
+        }
+        Ok(())
+    }
+
+    /// Checks that no frames of two outputs have one file. Digits beside the placeholder may do that: `1{frame}` and
+    /// `{frame}` have frames 11 and 10011 in one file.
+    fn check_apart(&self, one: &Path, other: &Path) -> Result<()> {
+        let Some(numbers) = self.numbers().filter(|_| one != other) else { return Ok(()) };
+        // The frames of the longer name have the smaller numbers, so that a shared file is found soon.
+        let (one, other) = if one.as_os_str().len() < other.as_os_str().len() { (other, one) } else { (one, other) };
+        let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let (names, others) = (whole(one), whole(other));
+        // Long sequences have too many frames to compare where none can share a file.
+        if without_numbers(&names) != without_numbers(&others) {
+            return Ok(());
+        }
+        let others_text = others.to_string_lossy();
+        let Some((head, _)) = others_text.split_once(PLACEHOLDER) else { return Ok(()) };
+        for frame in numbers.clone().map(|number| self.frame(number)) {
+            let file = frame.file(&names);
+            let text = file.to_string_lossy();
+            let Some(rest) = text.strip_prefix(head) else { continue };
+            let found = (DIGITS..=MAX_DIGITS).filter_map(|digits| rest.get(..digits)?.parse().ok());
+            let mut found = found.filter(|number| numbers.contains(number));
+            if let Some(number) = found.find(|number| self.frame(*number).file(&others) == file) {
+                let problem = format!(
+                    "{} is the file of frame {} of {} and of frame {number} of {}: name another output",
+                    frame.file(one).display(),
+                    frame.number,
+                    one.display(),
+                    other.display()
+                );
+                return Err(Error::Usage(problem));
+            }
+        }
         Ok(())
     }
 }
@@ -163,6 +200,11 @@ impl Frame {
         let number = self.number;
         path.to_string_lossy().replace(PLACEHOLDER, &format!("{number:0DIGITS$}")).into()
     }
+}
+
+/// A name without what frames may have in common: digits and placeholders.
+fn without_numbers(name: &Path) -> String {
+    name.to_string_lossy().replace(PLACEHOLDER, "").replace(|c: char| c.is_ascii_digit(), "")
 }
 
 /// All numbers that a name has where a file of a sequence has that of its frame. Other digits may be next to them.

@@ -185,6 +185,35 @@ fn no_frame_overwrites_an_input() {
     assert_eq!(fs::read(&panorama).unwrap(), b"kept");
 }
 
+/// No frame of an output overwrites another frame of another output.
+#[test]
+fn no_frame_overwrites_one_of_another_output() {
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name);
+    let refused = |[one, other]: [&str; 2], frames: &str| {
+        let arguments = format!("render --device {} --frames {frames} -o", device());
+        run(&arguments, &[&path(one), &"-o", &path(other), &"no-scene.glb"])
+    };
+    for (names, frames, shared) in [
+        (["1{frame}.exr", "{frame}.exr"], "11..10011", ["10011.exr", "frame 10011"]),
+        (["{frame}.exr", "1{frame}.exr"], "0..4294967295", ["10000.exr", "frame 10000"]),
+        (["{frame}1.exr", "1{frame}.exr"], "1111..1111", ["11111.exr", "frame 1111"]),
+        (["{frame}.exr", "{frame}{frame}.exr"], "1000..10001000", ["10001000.exr", "frame 10001000"]),
+        (["a/.././1{frame}.exr", "a/../{frame}.exr"], "11..10011", ["10011.exr", "frame 10011"]),
+    ] {
+        refused(names, frames).assert_refused(2, &shared);
+    }
+    // These go on to the scene, which is not there.
+    for (names, frames) in [
+        (["1{frame}.exr", "{frame}.exr"], "0..9999"),
+        (["1{frame}.exr", "{frame}.exr"], "12..10011"),
+        (["1{frame}.exr", "{frame}.png"], "0..4294967295"),
+        (["a{frame}.exr", "b{frame}.exr"], "0..4294967295"),
+    ] {
+        refused(names, frames).assert_refused(3, &["no-scene.glb"]);
+    }
+}
+
 /// The number of a frame cannot be put into a name that is not UTF-8: all frames would go to one file.
 #[cfg(unix)]
 #[test]
