@@ -67,17 +67,21 @@ fn arrival(primitive: u32, direction: vec3f) -> Arrival {
     return Arrival(select(-normal, normal, faces), stores);
 }
 
-// Shadow photons of a ray. If there are more than fit, the ones whose primitives have the smallest hashes are kept: a
-// random sample that does not depend on the order of the hits.
+// Shadow photons of a ray. If there are more than fit, the ones of the smallest priorities are kept: a random sample
+// that does not depend on the order of the hits.
 struct Kept {
     count: u32,
     // Hits that would store, kept or not.
     hits: u32,
+    // Those of the kept photons: more than `count` where surfaces are coplanar, which count as one.
+    own_hits: u32,
     seed: u32,
-    // The largest hash of those kept.
+    // The largest priority of those kept.
     largest: u32,
     primitives: array<u32, MAX_SHADOW_PHOTONS>,
     distances: array<f32, MAX_SHADOW_PHOTONS>,
+    // Hits at the place of each, itself included.
+    hits_there: array<u32, MAX_SHADOW_PHOTONS>,
     // Octahedral normals of crossings of procedural objects, as the photon has them.
     @if(procedurals) normals: array<u32, MAX_SHADOW_PHOTONS>,
 }
@@ -89,31 +93,46 @@ struct Nearest {
     arrival: Arrival,
 }
 
+// Bits of a priority that differ between coplanar surfaces.
+const PRIORITY_OF_SURFACE = 0xffu;
+
+// The random priority of a hit. Coplanar surfaces have the same but for the lowest bits, so that a surface is kept with
+// the same probability however many are coplanar, and all hits at its place are known. The place is the interval of t
+// that the hit is in: 2^-15 of t, 16 times the tolerance of `coincide`. Two of them seldom have a border between them.
+fn priority_of(t: f32, primitive: u32, seed: u32) -> u32 {
+    let place = bitcast<u32>(t + 0.25) >> 8u;
+    return (hash2(place, seed) & ~PRIORITY_OF_SURFACE) | (hash2(primitive, seed) & PRIORITY_OF_SURFACE);
+}
+
 // Adds a hit to the shadow photons.
 fn keep(kept: ptr<function, Kept>, t: f32, primitive: u32, found: Arrival) {
     if !found.stores { return; }
+    (*kept).hits++;
     let full = (*kept).count == shadow_photons_per_ray;
-    let priority = hash2(primitive, (*kept).seed);
+    let priority = priority_of(t, primitive, (*kept).seed);
     // If there are many hits, most end here, without a loop: loops share the budget of the traversal.
-    if full && priority >= (*kept).largest {
-        (*kept).hits++;
-        return;
-    }
+    if full && priority > ((*kept).largest | PRIORITY_OF_SURFACE) { return; }
     var largest = 0u;
     var second = 0u;
     var largest_at = 0u;
     for (var i = 0u; i < (*kept).count; i++) {
         traversal_iterations++;
-        if coincide((*kept).distances[i], t) { return; }
-        let other = hash2((*kept).primitives[i], (*kept).seed);
+        if coincide((*kept).distances[i], t) {
+            (*kept).hits_there[i]++;
+            (*kept).own_hits++;
+            return;
+        }
+        let other = priority_of((*kept).distances[i], (*kept).primitives[i], (*kept).seed);
         second = max(second, min(largest, other));
         if other >= largest {
             largest = other;
             largest_at = i;
         }
     }
-    (*kept).hits++;
+    if full && priority >= largest { return; }
     let at = select((*kept).count, largest_at, full);
+    (*kept).own_hits = (*kept).own_hits + 1u - (*kept).hits_there[at];
+    (*kept).hits_there[at] = 1u;
     (*kept).count = min((*kept).count + 1u, shadow_photons_per_ray);
     (*kept).primitives[at] = primitive;
     (*kept).distances[at] = t;
@@ -273,7 +292,7 @@ fn store_nearest(at: u32, ray: Ray, nearest: Nearest, light: u32) -> u32 {
 fn store_kept(at: u32, ray: Ray, kept: ptr<function, Kept>, light: u32) {
     var photon: Stored;
     photon.light = light;
-    photon.weight = f32((*kept).hits) / f32((*kept).count);
+    photon.weight = f32((*kept).hits) / f32((*kept).own_hits);
     photon.shadow = true;
     for (var k = 0u; k < (*kept).count; k++) {
         photon.primitive = (*kept).primitives[k];

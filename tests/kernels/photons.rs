@@ -377,6 +377,39 @@ fn layers_beyond_the_cap_are_weighted(gpu: &Gpu) {
     assert!((mean - 0.5).abs() < 5.0 / (12.0 * shadows.len() as f64).sqrt(), "{mean}");
 }
 
+/// Coplanar surfaces count as one, also where more are hit than are kept, and where only some are doubled.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn coplanar_layers_beyond_the_cap_count_once(gpu: &Gpu) {
+    let v = Vec3::new;
+    let (a, b) = (v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
+    for doubled in [1, 2] {
+        let light = LightKind::Directional { direction: -Vec3::Y, irradiance: Vec3::ONE };
+        // The other rectangle has the other diagonal.
+        let layer = |i: usize| {
+            let corner = v(-0.5, -1e-3 * i as f32, -0.5);
+            let all = [(Rectangle(corner, a, b), PLAIN), (Rectangle(corner + a, b, -a), PLAIN)];
+            all.into_iter().take(if i.is_multiple_of(doubled) { 2 } else { 1 })
+        };
+        let (scene, bvh) = scene(&(0..1000).flat_map(layer).collect::<Vec<_>>(), vec![light]);
+        let traced = trace(gpu, &scene, bvh, 200, 10);
+        let [lit, shadow] = traced.stored[0];
+        assert!(lit > 50 && shadow == 10 * lit, "{lit} lit, {shadow} shadow photons");
+        let shadows: Vec<_> = traced.photons.iter().filter(|p| p.word >> 31 != 0).collect();
+        let weight = |photon: &&Photon| 2f64.powf(f64::from((photon.word >> 25) & 63) / 4.0);
+        let mean = shadows.iter().map(weight).sum::<f64>() / shadows.len() as f64;
+        // Quarter powers of two are within 9.1 %, and the ratio of all hits to those of ten layers is 1 % too large on
+        // average. If all hits counted, it would be twice or one and a half times as much.
+        println!("one in {doubled} doubled: {mean:.1} layers each");
+        assert!((mean / 99.9).ln().abs() < 0.1, "one in {doubled}: {mean}");
+        // Doubled layers are kept no more often than others: a half of them, or all.
+        let is_doubled = |p: &&&Photon| ((-1e3 * p.position[1]).round() as usize).is_multiple_of(doubled);
+        let share = shadows.iter().filter(is_doubled).count() as f64 / shadows.len() as f64;
+        let expected = 1.0 / doubled as f64;
+        // Five standard errors, as of independent photons.
+        assert!((share - expected).abs() <= 5.0 * (0.25 / shadows.len() as f64).sqrt(), "{share}, not {expected}");
+    }
+}
+
 /// With more rays than a batch and more photons than the first buffer holds, no photon is lost, and another run gives
 /// the same set.
 #[kernel_test("PENUMBRA_DEVICE")]
