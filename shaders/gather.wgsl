@@ -13,7 +13,9 @@ import package::lib::camera::pixel_size;
 import package::kit::{dispatch_groups, group_index};
 import package::lib::light::BEYOND_SCENE;
 import package::lib::gather_hit::{GatherHit, HIT_CAUSTIC_KNOWN, HIT_RESIDUAL};
-import package::lib::math::{PI, basis, circle_point, is_finite3, luminance, oct_decode16, oct_encode16};
+import package::lib::math::{
+    PI, basis, circle_point, invalid_sample, is_finite3, luminance, oct_decode16, oct_encode16
+};
 import package::lib::path_tracing::{known_light, spread_along, spread_of};
 import package::lib::point::{Point, VisibleSurface, visible_surface_of};
 import package::lib::visible_point::{load_point, load_surface};
@@ -307,7 +309,7 @@ fn record(
 // What a record has by the rays of all waves so far.
 struct RecordMeans {
     irradiance: vec3f,
-    // Variance of the irradiance, the sum of the channels.
+    // Variance of the irradiance, the sum of the channels; not a number if it is unknown.
     variance: f32,
     // Mean of 1 over the distances of the rays.
     inverse_distance: f32,
@@ -330,9 +332,10 @@ fn means_of_waves(sums: RecordSums, id: u32) -> RecordMeans {
     // The variance of a ray within its stratum is at most half of the mean squared difference of neighbours, as
     // neighbouring strata differ by more than noise. Every ray has a neighbour in the previous sector, and every ray
     // outside the first ring one in the ring below. Once there are earlier waves, the difference of this wave from them
-    // is a better estimate.
+    // is a better estimate. A single ray is its own neighbour, so its variance is unknown.
     let pairs = f32(2u * rays - gather_pass.sectors);
     means.variance = 0.5 * sums.squares / pairs * weight * weight * f32(rays);
+    if rays == 1u { means.variance = invalid_sample(id); }
     if gather_pass.earlier_rays > 0u {
         let values = id * RECORD_VALUE_TEXELS;
         means.inverse_distance = mix(record_origins[id].inverse_distance, means.inverse_distance, share);

@@ -10,7 +10,7 @@ pub(super) struct NoisyRecords<'a> {
     /// `size` is the size of a pixel at the record, not the record's radius.
     pub heads: &'a [RecordHead],
     pub radii: &'a [f32],
-    /// Variances of their irradiance, sums of the channels.
+    /// Variances of their irradiance, sums of the channels; not finite where they are unknown.
     pub variances: &'a [f32],
     /// Irradiance and gradients, an equal number of values for each record; see `shaders/lib/record.wgsl`.
     pub values: &'a [f32],

@@ -489,6 +489,22 @@ fn near_points_are_not_looked_up(gpu: &Gpu) {
     }
 }
 
+/// One ray does not tell its variance; two waves of one ray do.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn the_variance_of_a_single_ray_is_unknown(gpu: &Gpu) {
+    const ONE: &[Wave] = &[Wave { earlier: 0, rays: 1 }];
+    const TWO: &[Wave] = &[Wave { earlier: 0, rays: 1 }, Wave { earlier: 1, rays: 1 }];
+    let mut random = Random(3);
+    let stage = stage(gpu, &[(ceiling(), surface(CEILING, 0.0))], true);
+    let known = Known::new(gpu, &stage, &positions_on(&ceiling(), 20_000, &mut random), BRIGHT, NEAR);
+    let points = [(DVec3::ZERO, DVec3::Y)];
+    for (waves, is_known) in [(ONE, false), (TWO, true)] {
+        let gathering = Gathering { waves, ..Gathering::new(&stage, &known) };
+        let (by_seed, _) = gathering.run(gpu, &points, &[0], 0..8);
+        assert!(by_seed.iter().all(|records| records[0].variance.is_finite() == is_known), "{} waves", waves.len());
+    }
+}
+
 /// A wave counts by its rays: earlier values, which the test puts in the place of those of the first wave, have their
 /// share, for light and distances.
 #[kernel_test("PENUMBRA_DEVICE")]
