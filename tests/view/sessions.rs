@@ -152,6 +152,18 @@ fn a_view_without_room_leaves_the_last_one() {
     assert!(complete(renderer) == complete(new()));
 }
 
+/// An orthographic camera has no iris: its picture comes without depth of field.
+#[test]
+fn an_orthographic_camera_ends_depth_of_field() {
+    let flat = LookAt { extent: Extent::Height(1.2), ..FROM_THE_RIGHT };
+    let mut session = session(gpu(), BOX.as_ref(), settings());
+    let blurred = settle(&mut session, [Command::Aperture(Some(0.5))]);
+    assert_eq!(blurred.picture.eye.f_number, Some(0.5));
+    let shown = settle(&mut session, [Command::Camera(Viewpoint::Placed(flat))]);
+    assert_eq!((shown.picture.eye.f_number, &shown.message), (None, &None));
+    assert!(*shown.pixels == bytes(&render(BOX, Some(&flat), &settings())));
+}
+
 /// While the camera moves, the picture is smaller.
 #[test]
 fn a_moving_picture_is_smaller() {

@@ -8,7 +8,7 @@ use penumbra::internal::render::film::View;
 use penumbra::internal::view::{
     Choices, Command, Eye, Overlay, Picture, Pose, Session, Shown, Snapshot, Source, State, Viewpoint,
 };
-use penumbra::{Camera, Denoiser, ImportOptions, Result, Scene, Settings};
+use penumbra::{Camera, Denoiser, Error, Focus, ImportOptions, Iris, Result, Scene, Settings};
 
 pub const BOX: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/box.glb");
 pub const SPHERE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/sphere.glb");
@@ -28,11 +28,15 @@ impl Source for Files {
     }
 
     fn camera(&self, scene: &Scene, eye: &Eye, _: f32) -> Result<Camera> {
-        Ok(match &eye.viewpoint {
+        let mut camera = match &eye.viewpoint {
             Viewpoint::Given => scene.cameras[0].clone(),
             Viewpoint::File(index) => scene.cameras[*index].clone(),
             Viewpoint::Placed(view) => scene.look_at(view).unwrap(),
-        })
+        };
+        if let Some(f_number) = eye.f_number {
+            scene.open_iris(&mut camera, Iris { f_number, blades: 0 }, Focus::Auto).map_err(Error::Usage)?;
+        }
+        Ok(camera)
     }
 
     fn denoiser(&self) -> (Denoiser, Option<String>) {

@@ -86,7 +86,10 @@ impl State {
                     self.navigate(|_, view| Some(navigation::centre(view, hit.position, NEARER)))?;
                 }
             }
-            Command::Camera(viewpoint) => self.eye = Eye { viewpoint, fov: None, f_number: self.eye.f_number },
+            Command::Camera(viewpoint) => {
+                self.eye = Eye { viewpoint, fov: None, f_number: self.eye.f_number };
+                self.close_missing_iris()?;
+            }
             Command::Choose(choices) => {
                 let [width, height] = self.full_size();
                 self.choices = *choices;

@@ -105,8 +105,22 @@ impl State {
     }
 
     pub(super) fn camera(&self, scene: &Scene) -> Result<Camera> {
+        self.camera_of(scene, &self.eye)
+    }
+
+    fn camera_of(&self, scene: &Scene, eye: &Eye) -> Result<Camera> {
         let [width, height] = self.full_size();
-        self.source.camera(scene, &self.eye, width as f32 / height as f32)
+        self.source.camera(scene, eye, width as f32 / height as f32)
+    }
+
+    /// Ends depth of field if the camera is orthographic. Such a camera has no iris, and the panel no f-number for it.
+    pub(super) fn close_missing_iris(&mut self) -> Result<()> {
+        let Some(Loaded { scene, .. }) = &self.scene else { return Ok(()) };
+        let closed = Eye { f_number: None, ..self.eye.clone() };
+        if let Projection::Orthographic { .. } = self.camera_of(scene, &closed)?.projection {
+            self.eye = closed;
+        }
+        Ok(())
     }
 
     pub(super) fn is_moving(&self) -> bool {
@@ -164,6 +178,6 @@ impl State {
         self.picked = None;
         self.scene = Some(Loaded { scene: Arc::new(scene), origin });
         self.message = None;
-        Ok(())
+        self.close_missing_iris()
     }
 }
