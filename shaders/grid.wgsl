@@ -151,8 +151,10 @@ fn arrange() {
 }
 
 // Maximum number of photons of a cell that is classified; other cells have no class. Up to four loops over them take
-// the eighth of the iterations of lavapipe that MAX_VISITS in lib/cell_classification leaves.
-const MAX_OWN_PHOTONS = 2048u;
+// seven of the eight thousand iterations that eight lanes of MAX_VISITS (lib/cell_classification) leave of lavapipe's
+// 65,535. The last thousand are for the loops around the rows: a reach that grows by quarters from one cell to eight
+// passes a hundred layers of rows, in each of eight lanes.
+const MAX_OWN_PHOTONS = 1792u;
 const NO_CODE = 0xffffffffu;
 
 // The classes of the cells that hold photons.

@@ -199,6 +199,7 @@ pub mod occluder {
 pub const MAX_LIGHTS: u32 = 2048;
 
 const _: () = assert!(Settings::MAX_NEAREST <= class_word::MAX_COUNT, "a class word has room for both counts");
+const _: () = assert!(Settings::MAX_SAMPLED_LIGHTS <= ZONE_LIGHTS, "a zone lists as many lights as a point samples");
 
 /// The largest search radius in cells. With `grid_shape::PHOTONS_PER_CELL` it finds k photons where they are 32 times
 /// sparser than on average; points in sparser regions are unknown. Six cells would take two thirds of the time, most of

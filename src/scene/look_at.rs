@@ -22,7 +22,8 @@ pub enum Extent {
     Height(f64),
 }
 
-/// Vertical field of view in degrees of a camera that is not from the file: that of a 50 mm lens on 36 mm film.
+/// Vertical field of view in degrees of a camera that is not from the file. Blender's default is 39.6 along the longer
+/// side of the image: a 50 mm lens and 36 mm of film.
 pub(super) const DEFAULT_FOV: f64 = 40.0;
 
 impl Default for Extent {

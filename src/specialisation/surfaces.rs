@@ -94,8 +94,8 @@ fn focuses(m: &Material) -> bool {
     !m.unlit && (m.transmission.is_present() || (metal && smooth))
 }
 
-/// Maximum roughness factor of surfaces that look like mirrors or clear glass. Its square is the minimum alpha of the
-/// kernels.
+/// Maximum roughness factor of surfaces that look like mirrors or clear glass. Its square, 1.02e-3, is just above the
+/// minimum alpha of the kernels (`MIN_ALPHA` in `shaders/lib/bsdf/microfacet.wgsl`).
 const CLEAR_ROUGHNESS: f32 = 0.032;
 
 /// Maximum alpha of metals that count as focusing: roughness 0.3. Wider lobes show no caustics. Other

@@ -20,8 +20,8 @@ const OFFSET: f64 = 1e-4;
 /// error once the default technique has its first sample.
 const MAX_COVERAGE: f64 = 0.5;
 
-/// Share of the pixels whose path meets a second surface: 0.004 to 0.075 for isolated models, 0.21 to 1 in rooms
-/// and landscapes.
+/// Share of the pixels whose path meets a second surface: 0.004 to 0.08 for isolated models, 0.21 to 1 for those of
+/// `scenes/`, except for the ball on a floor with 0.07.
 const MAX_SECOND_SURFACES: f64 = 0.1;
 
 /// Like [`MAX_SECOND_SURFACES`], for open scenes, such as the crowd with 0.21. The closed view of the still life has
