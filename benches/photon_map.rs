@@ -97,6 +97,7 @@ fn main() {
             height: 1000,
             columns: 1000,
             pixel_count: 1_000_000,
+            samples_per_pixel: 1,
             point_count: 1_000_000,
             ..Tile::default()
         };

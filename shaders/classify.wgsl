@@ -345,23 +345,23 @@ fn dilate(
     let candidate = queues[queue_item(QUEUE_BOUNDARY, i)];
     // No neighbour is decided: the environment has no photons.
     @if((visibility_map || fine_cells) && environment) { if is_environment(light_of(candidate)) { return; } }
-    let pixel = point_of(candidate);
-    let point = load_point(pixel);
-    let first = candidate - pixel;
+    let point_index = point_of(candidate);
+    let point = load_point(point_index);
+    let first = candidate - point_index;
     // Neighbours are of the same sample.
-    let layer = pixel - remainder(pixel, classify_pass.tile.pixel_count);
-    let at = vec2i(tile_position(classify_pass.tile, pixel));
+    let sample = remainder(point_index, classify_pass.tile.samples_per_pixel);
+    let at = vec2i(tile_position(classify_pass.tile, point_index));
     // Few neighbours are decided, because most neighbours of a boundary are boundaries. Software devices load the
     // points of the decided ones only.
     var decided = 0u;
     for (var k = 0u; k < NEIGHBOURS; k++) {
-        let neighbour = neighbour_in_layer(at, k);
-        if neighbour != NOT_SAMPLED && is_decided(class_of(atomicLoad(&classes[first + layer + neighbour]))) {
+        let neighbour = first_point_of_neighbour(at, k);
+        if neighbour != NOT_SAMPLED && is_decided(class_of(atomicLoad(&classes[first + sample + neighbour]))) {
             decided |= 1u << k;
         }
     }
     for (; decided != 0u; decided &= decided - 1u) {
-        let other = layer + neighbour_in_layer(at, firstTrailingBit(decided));
+        let other = sample + first_point_of_neighbour(at, firstTrailingBit(decided));
         if same_surface(load_point(other), point) { widen_to(first + other); }
     }
 }
@@ -369,13 +369,13 @@ fn dilate(
 // The pixel itself and the eight around it.
 const NEIGHBOURS = 9u;
 
-// Index in the layer of a pixel's neighbour k, or NOT_SAMPLED, also where it is not in the tile.
-fn neighbour_in_layer(at: vec2i, k: u32) -> u32 {
+// The first point of a pixel's neighbour k, or NOT_SAMPLED, also where it is not in the tile.
+fn first_point_of_neighbour(at: vec2i, k: u32) -> u32 {
     let tile = classify_pass.tile;
     let position = at + vec2i(vec2u(k % 3u, k / 3u)) - 1;
     let size = vec2i(i32(tile.columns), i32(tile.rows));
     if any(position < vec2i(0)) || any(position >= size) { return NOT_SAMPLED; }
-    return first_point_of(u32(position.y) * tile.columns + u32(position.x));
+    return first_point_of(tile, u32(position.y) * tile.columns + u32(position.x));
 }
 
 // Makes a decided candidate a boundary.

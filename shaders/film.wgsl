@@ -13,8 +13,8 @@ import package::lib::constants::{COUNTER_NOT_FINITE, COUNTER_NEAR_OVERFLOW};
 struct FilmParameters {
     // Number of pixels that get samples.
     pixel_count: u32,
-    // Number of points to sum, and the index of the first of them in `samples`.
-    point_count: u32,
+    // Samples of each pixel to sum, and the index of the first of all in `samples`.
+    samples_per_pixel: u32,
     first_point: u32,
     // For `correct` and `correct_squares`: the number of samples to change.
     earlier_samples: u32,
@@ -36,7 +36,7 @@ var<immediate> film_parameters: FilmParameters;
 // 2^104: a larger sum may overflow (at 2^128) within the 2^24 samples that a render can take.
 const NEAR_OVERFLOW = 2.028241e31;
 
-// The pixel of sample i; its other samples have the numbers i + pixel_count, and so on.
+// The pixel with this index among those that get samples.
 fn pixel_of(i: u32) -> u32 {
     @if(adaptive_sampling) { return sampled_pixels[i]; }
     @else { return i; }
@@ -85,12 +85,13 @@ fn accumulate(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let first = group_index(group, groups) * 64u + lane;
-    if first >= film_parameters.pixel_count { return; }
-    let pixel = pixel_of(first);
+    let index = group_index(group, groups) * 64u + lane;
+    if index >= film_parameters.pixel_count { return; }
+    let pixel = pixel_of(index);
+    let first = index * film_parameters.samples_per_pixel;
     var sum = load_sum(pixel);
     let left_out = sum.compensation.w;
-    for (var i = first; i < film_parameters.point_count; i += film_parameters.pixel_count) {
+    for (var i = first; i < first + film_parameters.samples_per_pixel; i++) {
         sum = with_sample(sum, samples[film_parameters.first_point + i]);
     }
     store_sum(pixel, sum);
@@ -106,11 +107,12 @@ fn accumulate_squares(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let first = group_index(group, groups) * 64u + lane;
-    if first >= film_parameters.pixel_count { return; }
-    let pixel = pixel_of(first);
+    let index = group_index(group, groups) * 64u + lane;
+    if index >= film_parameters.pixel_count { return; }
+    let pixel = pixel_of(index);
+    let first = index * film_parameters.samples_per_pixel;
     var sum = load_sum(pixel);
-    for (var i = first; i < film_parameters.point_count; i += film_parameters.pixel_count) {
+    for (var i = first; i < first + film_parameters.samples_per_pixel; i++) {
         let x = samples[i] + other_samples[i % arrayLength(&other_samples)];
         let left_out = sum.compensation.w;
         let next = with_sample(sum, x * x);

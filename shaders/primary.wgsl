@@ -7,7 +7,7 @@
 // with the random choices that led there. Positions are in scene units after normalisation.
 
 import package::kit::group_index;
-import package::lib::tile::{Tile, pixel_by_pixel, tile_pixel, tile_sample, pixel_seed};
+import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
 import package::lib::camera::{CameraRay, camera_ray};
 @if(thin_lens) import package::lib::lens::through_lens;
 @if(thin_lens) import package::lib::constants::DIMENSION_LENS;
@@ -53,9 +53,8 @@ fn primary(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let invocation = group_index(group, groups) * 64u + lane;
-    let has_point = invocation < tile.point_count;
-    let i = pixel_by_pixel(tile, invocation);
+    let i = group_index(group, groups) * 64u + lane;
+    let has_point = i < tile.point_count;
     let seed = pixel_seed(tile, i);
     let sample_index = tile_sample(tile, i);
     let within = (1.0 - tile.centred) * sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)) + 0.5 * tile.centred;

@@ -1,7 +1,9 @@
 // Tiles: pixel and sample of a point. A tile is a number of whole rows of the image, or of the part of it that is
-// rendered, with several samples of each pixel. Each sample is a layer of `pixel_count` points; the layers follow one
-// another. With adaptive sampling only the listed pixels of these rows are in the tile.
+// rendered, with several samples of each pixel. The samples of a pixel are neighbours, because neighbouring lanes then
+// trace rays that visit the same nodes, and interpolate from the same irradiance records. With adaptive sampling only
+// the listed pixels of these rows are in the tile.
 
+@if(adaptive_sampling) import package::lib::constants::NOT_SAMPLED;
 import package::lib::math::{quotient, remainder};
 import package::lib::rng::hash2;
 
@@ -15,16 +17,16 @@ struct Tile {
     columns: u32,
     rows: u32,
     pixel_count: u32,
-    // Points in it: pixels times layers.
+    // Points in it: pixels times samples.
     point_count: u32,
-    // Sample index of the first layer, and the render's seed.
+    // Index of the first sample of each pixel, and the render's seed.
     first_sample: u32,
     seed: u32,
     // 1: rays go through the centre of the pixel (a render of one sample), 0: anywhere in it (box filter). In general
     // they go through a square around the centre, with a side of 1 - centred pixels.
     centred: f32,
-    // In a uniform buffer what follows a struct is aligned to 16 bytes.
-    padding: u32,
+    // Samples of each pixel in it.
+    samples_per_pixel: u32,
 }
 
 // The pixels that get samples. A pixel's index counts from the first one of the tile's rows.
@@ -33,27 +35,19 @@ struct Tile {
 // For each pixel of the tile's rows its index in that list, or NOT_SAMPLED.
 @if(adaptive_sampling) @group(1) @binding(35) var<storage, read> list_indices: array<u32>;
 
-// The point of an invocation, in an order in which neighbouring lanes have the samples of one pixel: their rays visit
-// the same nodes. For an invocation beyond the last point, the result is not an index to write to.
-fn pixel_by_pixel(tile: Tile, invocation: u32) -> u32 {
-    let layers = quotient(tile.point_count, tile.pixel_count);
-    // By rows: there are few enough of them for `quotient`.
-    let row = quotient(invocation, layers * tile.columns);
-    let in_row = invocation - row * layers * tile.columns;
-    let column = quotient(in_row, layers);
-    return (in_row - column * layers) * tile.pixel_count + row * tile.columns + column;
-}
-
 // Index of the pixel of point i.
 fn pixel_index(tile: Tile, i: u32) -> u32 {
-    @if(adaptive_sampling) { return sampled_pixels[remainder(i, tile.pixel_count)]; }
-    @else { return remainder(i, tile.pixel_count); }
+    @if(adaptive_sampling) { return sampled_pixels[quotient(i, tile.samples_per_pixel)]; }
+    @else { return quotient(i, tile.samples_per_pixel); }
 }
 
 // The point of the first sample of a pixel, by the pixel's index, or NOT_SAMPLED.
-fn first_point_of(pixel: u32) -> u32 {
-    @if(adaptive_sampling) { return list_indices[pixel]; }
-    @else { return pixel; }
+fn first_point_of(tile: Tile, pixel: u32) -> u32 {
+    @if(adaptive_sampling) {
+        let index = list_indices[pixel];
+        return select(index * tile.samples_per_pixel, NOT_SAMPLED, index == NOT_SAMPLED);
+    }
+    @else { return pixel * tile.samples_per_pixel; }
 }
 
 // Column and row of the pixel of point i within the tile.
@@ -70,7 +64,7 @@ fn tile_pixel(tile: Tile, i: u32) -> vec2u {
 
 // Sample index of point i.
 fn tile_sample(tile: Tile, i: u32) -> u32 {
-    return tile.first_sample + quotient(i, tile.pixel_count);
+    return tile.first_sample + remainder(i, tile.samples_per_pixel);
 }
 
 // The seed of a pixel's sample sequences. It does not depend on the tiles, nor on the part that is rendered.

@@ -229,6 +229,7 @@ impl Records {
                 rows: row_count,
                 pixel_count,
                 point_count: pixel_count,
+                samples_per_pixel: 1,
                 seed: image.seed,
                 // Anywhere in one pixel of the image. Centres may all lie exactly on the edge of two surfaces, as on
                 // the diagonals of a room seen from the front. Rounding puts such a point on either side of the other

@@ -12,9 +12,9 @@ shared_struct! {
     pub struct FilmParameters {
         /// Number of pixels that get samples.
         pub pixel_count: u32,
-        /// Number of points to sum.
-        pub point_count: u32,
-        /// Index of the first of them among the samples.
+        /// Number of samples of each pixel to sum.
+        pub samples_per_pixel: u32,
+        /// Index of the first of all among the samples.
         pub first_point: u32,
         /// For corrections, the number of samples of a pixel that change; 0 where the square of the change is already
         /// counted.
@@ -173,8 +173,8 @@ impl Film {
     ) -> Result<()> {
         let Inputs { counters, sampled_pixels } = *inputs;
         let own = FilmBindings { samples, other_samples, sums, compensations, counters, sampled_pixels };
-        let (pixel_count, point_count) = (*pixel_count, *pixel_count);
-        let parameters = FilmParameters { pixel_count, point_count, first_point: 0, earlier_samples };
+        let (pixel_count, samples_per_pixel) = (*pixel_count, 1);
+        let parameters = FilmParameters { pixel_count, samples_per_pixel, first_point: 0, earlier_samples };
         frame.run(&self.0.bind(gpu, entry, &[&own])?, pixel_count, &parameters);
         Ok(())
     }
@@ -207,8 +207,8 @@ impl Plane {
 
     /// Adds the samples of the tile's points; the first one has the index `first_point` among the samples.
     pub fn record_from(&self, frame: &mut Frame<'_>, tile: &Tile, first_point: u32) {
-        let Tile { pixel_count, point_count, .. } = *tile;
-        let parameters = FilmParameters { pixel_count, point_count, first_point, earlier_samples: 0 };
+        let Tile { pixel_count, samples_per_pixel, .. } = *tile;
+        let parameters = FilmParameters { pixel_count, samples_per_pixel, first_point, earlier_samples: 0 };
         frame.run(&self.bound, tile.pixel_count, &parameters);
     }
 

@@ -60,8 +60,8 @@ shared_struct! {
         /// 1 where rays go through the centres of the pixels, 0 where anywhere in them. In general they go through a
         /// square around the centre, with a side of 1 - `centred` pixels.
         pub centred: f32,
-        /// In a uniform buffer, the member after a struct is aligned to 16 bytes.
-        pub padding: u32,
+        /// Samples of each pixel, whose points are neighbours.
+        pub samples_per_pixel: u32,
     }
 }
 

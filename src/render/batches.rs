@@ -35,8 +35,8 @@ pub struct Progress {
 /// The samples of a batch.
 struct NextSamples {
     first_sample: u32,
-    /// Samples per pixel.
-    layers: u32,
+    /// Number of samples per pixel.
+    count: u32,
     /// The share of the pixels that get samples.
     share: f64,
     /// The blocks that get samples, if not all pixels get as many.
@@ -74,14 +74,14 @@ impl Renderer<'_> {
         }
         self.allocate_samples()?;
         let begun = Instant::now();
-        let NextSamples { first_sample, layers, share, blocks } = self.next_samples(limit);
+        let NextSamples { first_sample, count, share, blocks } = self.next_samples(limit);
         if self.sampling.batches > 0 && self.piece_sums.is_none() {
             self.repair_map()?;
         }
         self.trace_caustics(first_sample)?;
         self.sampling.batches += 1;
         if let Some(sums) = &mut self.piece_sums {
-            sums.begin(SampleRange { first: first_sample, end: first_sample + layers });
+            sums.begin(SampleRange { first: first_sample, end: first_sample + count });
         }
         self.view.lighting.set_precautions(Precautions::after(&self.totals, &self.settings));
         let (samples, counted, sampled) =
@@ -90,7 +90,7 @@ impl Renderer<'_> {
         let mut points = 0;
         for tile in 0..self.view.tiles.len() {
             if self.sampling.allocation.is_none() {
-                points += self.render_tile(tile, first_sample, layers, None)?;
+                points += self.render_tile(tile, first_sample, count, None)?;
             }
             for equal in &blocks {
                 points += self.render_tile(tile, equal.first_sample, equal.samples, Some(equal))?;
@@ -99,7 +99,7 @@ impl Renderer<'_> {
         if let Some(sums) = &mut self.piece_sums {
             sums.end();
         }
-        self.sampling.samples = self.sampling.samples.max(first_sample + layers - self.settings.image.range().first);
+        self.sampling.samples = self.sampling.samples.max(first_sample + count - self.settings.image.range().first);
         if let Some(allocation) = &mut self.sampling.allocation {
             allocation.add(&blocks);
         }
@@ -115,7 +115,7 @@ impl Renderer<'_> {
         let start = Instant::now();
         self.back_up_if_due()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
-        self.sampling.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / (f64::from(layers) * share));
+        self.sampling.seconds_per_sample = Some(begun.elapsed().as_secs_f64() / (f64::from(count) * share));
         Ok(self.progress())
     }
 
@@ -123,17 +123,17 @@ impl Renderer<'_> {
     fn next_samples(&self, limit: u32) -> NextSamples {
         let equal = self.blocks_of_batch();
         let first_sample = self.first_sample(equal.as_ref());
-        let layers = self.layers_of_batch(limit, first_sample, equal.as_ref());
+        let count = self.samples_of_batch(limit, first_sample, equal.as_ref());
         let share = self.share_of_pixels(equal.as_ref());
         let blocks = match (&self.sampling.allocation, equal) {
             (Some(_), Some(mut equal)) => {
-                equal.samples = layers;
+                equal.samples = count;
                 vec![equal]
             }
-            (Some(allocation), None) => allocation.to_raise_mean(layers, first_sample),
+            (Some(allocation), None) => allocation.to_raise_mean(count, first_sample),
             (None, _) => Vec::new(),
         };
-        NextSamples { first_sample, layers, share, blocks }
+        NextSamples { first_sample, count, share, blocks }
     }
 
     /// The progress so far, with what a checkpoint had.
@@ -173,35 +173,35 @@ impl Renderer<'_> {
     }
 
     /// Samples per pixel of the next batch, if no limit makes them fewer.
-    pub(super) fn next_layers(&self) -> u32 {
+    pub(super) fn samples_of_next_batch(&self) -> u32 {
         let blocks = self.blocks_of_batch();
-        self.layers_of_batch(u32::MAX, self.first_sample(blocks.as_ref()), blocks.as_ref())
+        self.samples_of_batch(u32::MAX, self.first_sample(blocks.as_ref()), blocks.as_ref())
     }
 
     /// Samples per pixel of the next batch, of pixels that have `samples`.
-    fn layers_of_batch(&self, limit: u32, samples: u32, blocks: Option<&EqualBlocks>) -> u32 {
+    fn samples_of_batch(&self, limit: u32, samples: u32, blocks: Option<&EqualBlocks>) -> u32 {
         let to_spp = self.settings.image.range().end.saturating_sub(samples);
         let missing = blocks.map_or(to_spp, |blocks| blocks.samples);
-        let mut layers = self.view.tile_size.layers.min(limit.max(1));
+        let mut count = self.view.tile_size.samples.min(limit.max(1));
         if missing > 0 {
-            layers = layers.min(missing);
+            count = count.min(missing);
         }
         // Fine cells learn from each batch: the number of samples doubles, so that they learn early. The first
         // sample is a preview, with few gather rays, and shows whether photons pay off.
         let features = &self.specialisation.features;
         let is_preview = self.view.stage < 0 && features.has(Feature::GlobalMap);
         if features.has(Feature::FineCells) || self.with_photons.is_some() || is_preview {
-            layers = layers.min(samples.max(1));
+            count = count.min(samples.max(1));
         }
         // In a piece, new maps begin at fixed samples.
         if self.settings.image.piece.is_some() {
-            layers = layers.min(TILE_SAMPLES - samples % TILE_SAMPLES);
+            count = count.min(TILE_SAMPLES - samples % TILE_SAMPLES);
         }
         // Errors are estimated from halves of the samples, which end at powers of two.
         if self.settings.estimates_error() {
-            layers = layers.min(to_power_of_two(samples));
+            count = count.min(to_power_of_two(samples));
         }
-        layers
+        count
     }
 
     /// Decides how the next batch is shaded. In this one, pass `shade` sampled the light of `sampled` of `points`
@@ -239,17 +239,17 @@ impl Renderer<'_> {
         while pixel_count > 0 && sample < first_sample + count {
             let fit = (self.view.tile_size.points / pixel_count).max(1).min(first_sample + count - sample);
             // The film takes snapshots at powers of two.
-            let layers = if blocks.is_some() { fit.min(to_power_of_two(sample)) } else { fit };
-            points += self.render_layers(index, pixel_count, sample, layers)?;
-            sample += layers;
+            let fit = if blocks.is_some() { fit.min(to_power_of_two(sample)) } else { fit };
+            points += self.render_samples(index, pixel_count, sample, fit)?;
+            sample += fit;
         }
         Ok(points)
     }
 
-    /// As [`Renderer::render_tile`], for `layers` samples of the listed pixels, which fit.
-    fn render_layers(&mut self, index: usize, pixel_count: u32, first_sample: u32, layers: u32) -> Result<u64> {
+    /// As [`Renderer::render_tile`], for `count` samples of the listed pixels, which fit.
+    fn render_samples(&mut self, index: usize, pixel_count: u32, first_sample: u32, count: u32) -> Result<u64> {
         let film = &self.view.tiles[index];
-        let tile = film.tile(&self.settings, pixel_count, first_sample, layers);
+        let tile = film.tile(&self.settings, pixel_count, first_sample, count);
         let mut frame = self.gpu.frame("sample");
         frame.clear(&self.view.buffers.counters);
         let mut second_pass = SecondPass {
@@ -264,7 +264,7 @@ impl Renderer<'_> {
             class_films: &film.classes,
         };
         (implementation(self.settings.technique).second_pass)(&mut second_pass);
-        film.take_snapshot(&mut frame, &tile, first_sample + layers);
+        film.take_snapshot(&mut frame, &tile, first_sample + count);
         frame.submit()?;
         if let Some(sums) = &mut self.piece_sums {
             let first_pixel = film.rows().start as usize * self.settings.image.crop_window().width as usize;

@@ -132,15 +132,15 @@ impl SampleAllocation {
         Some(EqualBlocks { blocks, first_sample, samples: target - first_sample })
     }
 
-    /// Those of the decided samples that raise the mean of all pixels from `mean` by `layers`, in the order in which
+    /// Those of the decided samples that raise the mean of all pixels from `mean` by `samples`, in the order in which
     /// they must be rendered. Parts end at powers of two, so that blocks with few samples join those with more.
-    pub fn to_raise_mean(&self, layers: u32, mean: u32) -> Vec<EqualBlocks> {
+    pub fn to_raise_mean(&self, samples: u32, mean: u32) -> Vec<EqualBlocks> {
         // Decisions are made at powers of two from 2 on.
         let all = (mean + 1).next_power_of_two().max(2) - mean;
         let mut equal = BTreeMap::<(u32, u32), Vec<u32>>::new();
         for Next { block, target } in &self.next {
             let mut first = self.samples[*block as usize];
-            let missing = u64::from(target - first) * u64::from(layers);
+            let missing = u64::from(target - first) * u64::from(samples);
             let end = first + ((missing + u64::from(all) / 2) / u64::from(all)) as u32;
             while first < end {
                 let next = (first + 1).next_power_of_two().min(end);
@@ -336,12 +336,12 @@ mod tests {
         SampleAllocation::of(&ImageSettings { width, height, spp, sampling, ..ImageSettings::default() }).unwrap()
     }
 
-    /// Adds all samples of the blocks that are next, at most `layers` at a time. Returns the blocks that got samples
+    /// Adds all samples of the blocks that are next, at most `limit` at a time. Returns the blocks that got samples
     /// together, the first sample, and how many they got.
-    fn render(adaptive: &mut SampleAllocation, layers: u32) -> Vec<(Vec<u32>, u32, u32)> {
+    fn render(adaptive: &mut SampleAllocation, limit: u32) -> Vec<(Vec<u32>, u32, u32)> {
         let mut rendered = Vec::new();
         while let Some(mut equal) = adaptive.next_equal() {
-            equal.samples = equal.samples.min(layers);
+            equal.samples = equal.samples.min(limit);
             rendered.push((equal.blocks.clone(), equal.first_sample, equal.samples));
             adaptive.add(&[equal]);
         }
@@ -443,10 +443,10 @@ mod tests {
         }
     }
 
-    /// Raises the mean of all pixels by `layers`. Returns how many pixels got samples together, the first sample, and
+    /// Raises the mean of all pixels by `samples`. Returns how many pixels got samples together, the first sample, and
     /// how many they got.
-    fn raise_mean(blocks: &mut SampleAllocation, layers: u32, mean: u32) -> Vec<(usize, u32, u32)> {
-        let next = blocks.to_raise_mean(layers, mean);
+    fn raise_mean(blocks: &mut SampleAllocation, samples: u32, mean: u32) -> Vec<(usize, u32, u32)> {
+        let next = blocks.to_raise_mean(samples, mean);
         blocks.add(&next);
         next.into_iter().map(|equal| (equal.blocks.len(), equal.first_sample, equal.samples)).collect()
     }

@@ -18,7 +18,7 @@ use crate::{Error, Result};
 pub(super) struct TileSize {
     pub rows: u32,
     /// Maximum number of samples of a pixel.
-    pub layers: u32,
+    pub samples: u32,
     /// Maximum number of points: of samples, or of pixels that may get an irradiance record.
     pub points: u32,
 }
@@ -40,12 +40,12 @@ impl TileSize {
             return Err(Error::Usage(problem));
         }
         let rows = (most / crop.width).clamp(1, crop.height);
-        let layers = (most / (rows * crop.width)).clamp(1, TILE_SAMPLES.min(settings.image.spp));
-        let points = rows * crop.width * layers;
+        let samples = (most / (rows * crop.width)).clamp(1, TILE_SAMPLES.min(settings.image.spp));
+        let points = rows * crop.width * samples;
         // A piece has irradiance records for the whole image, of every second pixel at most.
         let ImageSettings { width, height, piece, .. } = settings.image;
         let records = piece.map_or(0, |_| most.min(width.div_ceil(2) * height.div_ceil(2)).max(width));
-        Ok(TileSize { rows, layers, points: points.max(records) })
+        Ok(TileSize { rows, samples, points: points.max(records) })
     }
 }
 
@@ -232,8 +232,9 @@ impl TileFilm {
         self.first_row..self.first_row + self.rows
     }
 
-    /// The tile for `layers` samples of each of `pixel_count` pixels. Its first sample is number `first_sample`.
-    pub fn tile(&self, settings: &Settings, pixel_count: u32, first_sample: u32, layers: u32) -> Tile {
+    /// The tile for `samples_per_pixel` samples of each of `pixel_count` pixels. The first sample of a pixel is number
+    /// `first_sample`.
+    pub fn tile(&self, settings: &Settings, pixel_count: u32, first_sample: u32, samples_per_pixel: u32) -> Tile {
         let image = &settings.image;
         let crop = image.crop_window();
         Tile {
@@ -244,7 +245,8 @@ impl TileFilm {
             columns: crop.width,
             rows: self.rows,
             pixel_count,
-            point_count: pixel_count * layers,
+            point_count: pixel_count * samples_per_pixel,
+            samples_per_pixel,
             first_sample,
             seed: image.seed,
             centred: f32::from(image.spp == 1),

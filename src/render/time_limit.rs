@@ -80,7 +80,7 @@ impl Renderer<'_> {
     pub fn render_batch_within(&mut self, seconds: f64) -> Result<Option<Progress>> {
         if let Some(expected) = self.expected() {
             let refinement = if self.may_refine() { self.seconds_to(self.next_stage()) } else { 0.0 };
-            if refinement + expected.of(self.next_layers()) > seconds {
+            if refinement + expected.of(self.samples_of_next_batch()) > seconds {
                 return Ok(None);
             }
         }

@@ -46,7 +46,7 @@
 //!     `kernels::photon_lights::a_ray_through_ten_thousand_layers_keeps_its_cap`
 //! 30. a full photon buffer: `kernels::flux::what_has_no_room_is_counted`, `kernels::photons::batches_lose_nothing`
 //! 31. masks and blending: `counts::panes_transmit_their_share`, `kernels::photons::holes_of_masks_let_photons_through`
-//! 32. long work in parts: `kernels::primary::tiles_and_layers_are_the_whole`, `kernels::flux::batches_do_not_show`
+//! 32. long work in parts: `kernels::primary::tiles_and_samples_are_the_whole`, `kernels::flux::batches_do_not_show`
 //! 33. foreign checkpoints: `cli::render::checkpoints_of_something_else_are_refused`
 //! 34. images of no, one and many pixels: `counts::images_may_have_any_shape`,
 //!     `cli::usage::wrong_usage_names_the_option`, `cli::limits::one_pixel_of_one_sample`

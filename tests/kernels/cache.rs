@@ -115,9 +115,9 @@ impl Setup {
     /// The points next to each other, as those of a plane that the camera sees from above: most records in a block's
     /// list reach none of neighbouring points.
     fn on_a_plane(mut self) -> Setup {
-        let Tile { width, height, first_row, pixel_count, .. } = self.tile;
+        let Tile { width, height, first_row, samples_per_pixel, .. } = self.tile;
         for (i, point) in self.points.iter_mut().enumerate() {
-            let pixel = i as u32 % pixel_count;
+            let pixel = i as u32 / samples_per_pixel;
             point.position[0] = (pixel % width) as f32 / width as f32 - 0.5;
             point.position[1] = (first_row + pixel / width) as f32 / height as f32 - 0.5;
         }
@@ -218,8 +218,8 @@ impl Setup {
 
     /// Irradiance and weight at a point, and the maximum rounding error of each.
     fn expected(&self, i: usize) -> (DVec3, f64, f64, f64) {
-        let Tile { width, height, first_row, pixel_count, .. } = self.tile;
-        let pixel = i as u32 % pixel_count;
+        let Tile { width, height, first_row, samples_per_pixel, .. } = self.tile;
+        let pixel = i as u32 / samples_per_pixel;
         let film = [(pixel % width, width), (first_row + pixel / width, height)];
         // The block's span along each axis, in blocks.
         let block = [0, 1].map(|axis| {
@@ -304,9 +304,11 @@ fn is_glossy(i: usize) -> bool {
     i.is_multiple_of(3)
 }
 
-fn tile_of([width, height]: [u32; 2], first_row: u32, rows: u32, layers: u32) -> Tile {
+fn tile_of([width, height]: [u32; 2], first_row: u32, rows: u32, samples_per_pixel: u32) -> Tile {
     let pixel_count = width * rows;
-    Tile { width, height, first_row, columns: width, pixel_count, point_count: pixel_count * layers, ..Tile::default() }
+    let point_count = pixel_count * samples_per_pixel;
+    let of_image = Tile { width, height, first_row, columns: width, ..Tile::default() };
+    Tile { pixel_count, samples_per_pixel, point_count, ..of_image }
 }
 
 /// Errors of interpolated light, relative to the light times the largest coordinate in units of the smallest radius of
@@ -382,8 +384,9 @@ fn light_of_neighbouring_points_is_that_of_all_records_in_reach(gpu: &Gpu) {
         ([17, 9], 0, 1, bent),
     ];
     let (mut checked, mut doubts, mut covered) = (0, 0, 0);
-    for (size, records, layers, features) in cases {
-        let setup = setup(size, tile_of(size, 0, size[1], layers), records, features, &mut random).on_a_plane();
+    for (size, records, samples_per_pixel, features) in cases {
+        let tile = tile_of(size, 0, size[1], samples_per_pixel);
+        let setup = setup(size, tile, records, features, &mut random).on_a_plane();
         let outcome = setup.run(gpu);
         let (wrong, doubtful) = setup.compare(&outcome);
         assert_eq!(wrong, 0, "{size:?}, {records} records");

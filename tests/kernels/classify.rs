@@ -51,6 +51,7 @@ impl<'a> Setup<'a> {
             columns: count,
             rows: 1,
             pixel_count: count,
+            samples_per_pixel: 1,
             point_count: count,
             ..Tile::default()
         };
@@ -387,7 +388,7 @@ fn every_number_of_candidates_is_queued(gpu: &Gpu) {
 /// Where some pixels get samples, boundaries are dilated to those of their neighbours that do, in the same sample.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn dilation_finds_the_neighbours_that_get_samples(gpu: &Gpu) {
-    const LAYERS: usize = 2;
+    const SAMPLES: u32 = 2;
     let room = Room::new(0.05);
     let photons = room.photons(20_000, 0, &mut Random(6));
     let (width, height) = (150u32, 100u32);
@@ -395,23 +396,23 @@ fn dilation_finds_the_neighbours_that_get_samples(gpu: &Gpu) {
     let shape = GridShape::new(room.bounds(), room.area(), photons.len() as u32, 1, 50);
     let undilated = Setup::new(&photons, &points, shape, 50).run(gpu).words;
     // Two thirds of the pixels, the last one first. The second sample of a pixel lies where the next pixel's does.
-    let pixel_of = |pixel: u32, layer: usize| (pixel as usize + layer) % points.len();
+    let index_of = |pixel: u32, sample: u32| (pixel + sample) as usize % points.len();
     let list: Vec<u32> = (0..width * height).rev().filter(|pixel| !(pixel * 7 / 3).is_multiple_of(3)).collect();
-    let samples: Vec<(usize, u32)> =
-        (0..LAYERS).flat_map(|layer| list.iter().map(move |pixel| (layer, *pixel))).collect();
-    let listed: Vec<Point> = samples.iter().map(|(layer, pixel)| points[pixel_of(*pixel, *layer)]).collect();
+    let samples: Vec<(u32, u32)> =
+        list.iter().flat_map(|pixel| (0..SAMPLES).map(move |sample| (*pixel, sample))).collect();
+    let listed: Vec<Point> = samples.iter().map(|(pixel, sample)| points[index_of(*pixel, *sample)]).collect();
     let mut setup = Setup::new(&photons, &listed, shape, 50);
     let pixel_count = list.len() as u32;
-    let point_count = listed.len() as u32;
-    setup.tile = Tile { width, height, columns: width, rows: height, pixel_count, point_count, ..Tile::default() };
+    let of_image = Tile { width, height, columns: width, rows: height, ..setup.tile };
+    setup.tile = Tile { pixel_count, samples_per_pixel: SAMPLES, ..of_image };
     setup.listed = Some(list.clone());
     setup.chunk.dilate = 1;
     let traced = |word: u32| matches!(Classified::new(word).class, Class::Boundary | Class::Unknown);
     let is_listed: HashSet<u32> = list.iter().copied().collect();
     let expected: Vec<u32> = samples
         .iter()
-        .map(|&(layer, pixel)| {
-            let word = undilated[pixel_of(pixel, layer)];
+        .map(|&(pixel, sample)| {
+            let word = undilated[index_of(pixel, sample)];
             let (x, y) = ((pixel % width) as i32, (pixel / width) as i32);
             let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
             let mut inside = near.filter(|(x, y)| (0..width as i32).contains(x) && (0..height as i32).contains(y));
@@ -419,10 +420,10 @@ fn dilation_finds_the_neighbours_that_get_samples(gpu: &Gpu) {
                 && inside.any(|(x, y)| {
                     let other = (x + y * width as i32) as u32;
                     is_listed.contains(&other) && {
-                        let (a, b) = (&points[pixel_of(pixel, layer)], &points[pixel_of(other, layer)]);
+                        let (a, b) = (&points[index_of(pixel, sample)], &points[index_of(other, sample)]);
                         let n = point_normal(a.normal).as_vec3();
                         let offset = (Vec3::from(b.position) - Vec3::from(a.position)).dot(n);
-                        traced(undilated[pixel_of(other, layer)]) && a.normal == b.normal && offset.abs() < 1e-3
+                        traced(undilated[index_of(other, sample)]) && a.normal == b.normal && offset.abs() < 1e-3
                     }
                 });
             if widened { (word & !7) | Class::Boundary as u32 } else { word }

@@ -25,12 +25,12 @@ struct Seen {
     hit: DVec3,
 }
 
-fn see(gpu: &Gpu, camera: &Camera, layers: u32) -> Vec<Seen> {
+fn see(gpu: &Gpu, camera: &Camera, samples_per_pixel: u32) -> Vec<Seen> {
     let wall = square(DVec3::new(0.0, 0.0, -0.5), DVec3::new(0.8, 0.0, 0.3), DVec3::Y * 0.8);
     let scene = scene(&[(wall, surface(0.5, 1.0))], Vec::new());
     let stage =
         Stage::new(gpu, scene, camera, SIZE, Technique::TWO_PASS, |features| features.with(Feature::ThinLens, true));
-    let tile = Tile { centred: 1.0, ..whole(SIZE, layers) };
+    let tile = Tile { centred: 1.0, ..whole(SIZE, samples_per_pixel) };
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
     let mut frame = gpu.frame("test");
@@ -48,7 +48,7 @@ fn see(gpu: &Gpu, camera: &Camera, layers: u32) -> Vec<Seen> {
         let offset = eye - camera.position.as_dvec3();
         let radius = f64::from(camera.lens.unwrap().radius);
         Seen {
-            pixel: i % tile.pixel_count as usize,
+            pixel: i / samples_per_pixel as usize,
             iris: DVec2::new(offset.dot(right), offset.dot(up)) / radius,
             off: offset.dot(backward).abs(),
             eye,

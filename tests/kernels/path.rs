@@ -22,8 +22,8 @@ use crate::statistics::{mean_and_error, z_test};
 
 pub use crate::meshes::{camera, inside_out, scene, surface};
 
-/// Result of a render: for each sample of each pixel, in layers of pixels, the red of direct and of indirect light, and
-/// the position; and the counters.
+/// Result of a render: for each sample of each pixel, those of a pixel one after the other, direct and indirect light;
+/// and the counters.
 pub struct Rendered {
     direct: Vec<[f32; 4]>,
     indirect: Vec<[f32; 4]>,
@@ -31,14 +31,13 @@ pub struct Rendered {
 }
 
 impl Rendered {
-    /// Red of direct and indirect light together, for all samples of a pixel.
-    fn pixel(&self, pixel: usize, pixels: usize) -> impl Iterator<Item = f64> + Clone {
-        let all = self.direct.iter().zip(&self.indirect).skip(pixel).step_by(pixels);
-        all.map(|(d, i)| f64::from(d[0]) + f64::from(i[0]))
+    /// Red of direct and indirect light together, for the `samples` samples of a pixel.
+    fn pixel(&self, pixel: usize, samples: u32) -> impl Iterator<Item = f64> + Clone {
+        self.all().skip(pixel * samples as usize).take(samples as usize)
     }
 
     pub fn all(&self) -> impl Iterator<Item = f64> + Clone {
-        self.pixel(0, 1)
+        self.direct.iter().zip(&self.indirect).map(|(d, i)| f64::from(d[0]) + f64::from(i[0]))
     }
 }
 
@@ -99,6 +98,7 @@ fn render_clamped(
         first_row: 0,
         columns: size,
         pixel_count: size * size,
+        samples_per_pixel: spp,
         point_count,
         seed: 1,
         ..Tile::default()
@@ -228,7 +228,7 @@ fn a_floor_under_a_rectangle_has_lamberts_irradiance(gpu: &Gpu) {
         let values =
             (0..N * N).map(|k| form_factor(&light, false, at(midpoint(k / N), midpoint(k % N)), DVec3::Y, true));
         let expected = 3.0 / PI * values.sum::<f64>() / (N * N) as f64;
-        let (mean, error) = mean_and_error(rendered.pixel(pixel, pixels));
+        let (mean, error) = mean_and_error(rendered.pixel(pixel, SPP));
         // In a pixel next to the light the irradiance changes by a factor of a few: the error of the midpoint rule is a
         // few thousandths.
         let error = error + 2e-3 * expected;
@@ -265,7 +265,7 @@ fn an_independent_renderer_agrees(gpu: &Gpu) {
                 let corner = block / (SIZE / BLOCK) * BLOCK * SIZE + block % (SIZE / BLOCK) * BLOCK;
                 let difference = (0..BLOCK * BLOCK).map(|k| {
                     let pixel = corner + k / BLOCK * SIZE + k % BLOCK;
-                    let samples = rendered.pixel(pixel, SIZE * SIZE);
+                    let samples = rendered.pixel(pixel, SPP);
                     let moved = (pixel + shift).min(SIZE * SIZE - 1);
                     samples.sum::<f64>() / f64::from(SPP) - f64::from(reference[moved])
                 });
@@ -282,7 +282,7 @@ fn an_independent_renderer_agrees(gpu: &Gpu) {
         let mean = rendered.all().sum::<f64>() / f64::from(SPP) / (SIZE * SIZE) as f64;
         let expected = reference.iter().map(|v| f64::from(*v)).sum::<f64>() / (SIZE * SIZE) as f64;
         // Standard error of the mean of all pixels, from the spread within each pixel.
-        let errors = (0..SIZE * SIZE).map(|pixel| mean_and_error(rendered.pixel(pixel, SIZE * SIZE)).1);
+        let errors = (0..SIZE * SIZE).map(|pixel| mean_and_error(rendered.pixel(pixel, SPP)).1);
         let error = errors.map(|e| e * e).sum::<f64>().sqrt() / (SIZE * SIZE) as f64;
         assert!((mean - expected).abs() < 1e-3 * expected + 4.0 * error, "{file}: mean {mean}, not {expected}");
         assert!(error < 1e-3 * expected, "{file}: an error of {error} is no test");
@@ -334,6 +334,7 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
         first_row: 0,
         columns: SIZE,
         pixel_count: SIZE * SIZE,
+        samples_per_pixel: SPP,
         point_count: SIZE * SIZE * SPP,
         seed: 5,
         ..Tile::default()

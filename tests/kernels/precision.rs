@@ -342,30 +342,30 @@ fn photons_and_records(gpu: &Gpu) -> Vec<Row> {
 
 fn film(gpu: &Gpu) -> Vec<Row> {
     const PIXELS: usize = 64;
-    const LAYERS: usize = 65_536;
+    const SAMPLES: usize = 65_536;
     let mut random = Random(5);
     let mut sample = || [random.uniform() as f32, 10f64.powf(8.0 * random.uniform() - 4.0) as f32, 0.1, 1.0];
-    let samples: Vec<[f32; 4]> = (0..PIXELS * LAYERS).map(|_| sample()).collect();
+    let samples: Vec<[f32; 4]> = (0..PIXELS * SAMPLES).map(|_| sample()).collect();
     let buffer = gpu.upload("test/samples", &samples).unwrap();
     let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
     let pass = Film::new(gpu, &device_features(gpu)).unwrap();
     let plane = pass.plane(gpu, PIXELS as u32, &buffer, Inputs { counters: &counters, sampled_pixels: None }).unwrap();
     // No invocation takes more iterations than a software device allows.
     const BATCH: u32 = 1 << 14;
-    for batch in 0..LAYERS as u32 / BATCH {
-        let (pixel_count, point_count) = (PIXELS as u32, PIXELS as u32 * BATCH);
-        let tile = Tile { pixel_count, point_count, ..Tile::default() };
+    for batch in 0..SAMPLES as u32 / BATCH {
+        let tile = Tile { pixel_count: PIXELS as u32, samples_per_pixel: BATCH, ..Tile::default() };
         let mut frame = gpu.frame("test");
-        plane.record_from(&mut frame, &tile, batch * point_count);
+        plane.record_from(&mut frame, &tile, batch * PIXELS as u32 * BATCH);
         frame.submit().unwrap();
     }
-    let got = plane.means(gpu, &|_| LAYERS as u32).unwrap();
+    let got = plane.means(gpu, &|_| SAMPLES as u32).unwrap();
     let names = ["uniform samples", "samples over eight decades", "0.1 each"];
     (0..3)
         .map(|c| {
             let errors = (0..PIXELS).map(|pixel| {
-                let exact = samples.iter().skip(pixel).step_by(PIXELS).map(|s| f64::from(s[c])).sum::<f64>();
-                (got[pixel][c] / (exact / LAYERS as f64) - 1.0).abs()
+                let of_pixel = samples.chunks(BATCH as usize).skip(pixel).step_by(PIXELS).flatten();
+                let exact = of_pixel.map(|s| f64::from(s[c])).sum::<f64>();
+                (got[pixel][c] / (exact / SAMPLES as f64) - 1.0).abs()
             });
             // The sum of value and compensation is taken in f64.
             Row::new("film", format!("65,536 of {}", names[c]), "mean", 1.0, errors.collect())

@@ -588,8 +588,8 @@ fn mirror_and_wall() -> (Scene, Camera) {
     (scene, camera(DVec3::new(0.0, 0.0, 0.2), DVec3::new(0.0, 0.0, -0.5), 1.0))
 }
 
-/// A mirror that fills the image reflects each ray once: invocations beyond the last point trace nothing, also where
-/// samples of a pixel lie in neighbouring lanes, and no counter has their rays.
+/// A mirror that fills the image reflects each ray once: invocations beyond the last point trace nothing, and no
+/// counter has their rays.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn each_point_is_traced_once(gpu: &Gpu) {
     for (size, samples) in [([1, 1], 1), ([1, 1], 3), ([9, 9], 3), ([8, 8], 2), ([5, 13], 7)] {
@@ -647,39 +647,40 @@ fn guides_tell_what_chance_chose(gpu: &Gpu) {
 
 /// Tiles of rows, parts of the image, and samples rendered one by one, give the same bits as the whole image.
 #[kernel_test("PENUMBRA_DEVICE")]
-fn tiles_and_layers_are_the_whole(gpu: &Gpu) {
-    const LAYERS: u32 = 4;
+fn tiles_and_samples_are_the_whole(gpu: &Gpu) {
+    const SAMPLES: u32 = 4;
     let size = [41, 13];
     let camera = &cameras()[0];
     let stage = stage(gpu, camera, size);
-    let all = Tile { first_sample: 2, ..whole(size, LAYERS) };
+    let all = Tile { first_sample: 2, ..whole(size, SAMPLES) };
     let outcome = run(gpu, &stage, &all);
-    let piece = |first_row: u32, rows: u32, layer: u32, layers: u32| {
+    let piece = |first_row: u32, rows: u32, sample: u32, samples_per_pixel: u32| {
         let pixel_count = rows * size[0];
-        let point_count = pixel_count * layers;
-        Tile { first_row, pixel_count, point_count, first_sample: all.first_sample + layer, ..all }
+        let point_count = pixel_count * samples_per_pixel;
+        let of_rows = Tile { first_row, pixel_count, ..all };
+        Tile { samples_per_pixel, point_count, first_sample: all.first_sample + sample, ..of_rows }
     };
-    let differences = |tile: &Tile, layer_0: u32| -> usize {
+    let differences = |tile: &Tile, first: u32| -> usize {
         let got = run(gpu, &stage, tile);
         let index = |i: usize| {
-            let (layer, pixel) = (i as u32 / tile.pixel_count, i as u32 % tile.pixel_count);
+            let (pixel, sample) = (i as u32 / tile.samples_per_pixel, i as u32 % tile.samples_per_pixel);
             let [x, y] = [tile.first_column + pixel % tile.columns, tile.first_row + pixel / tile.columns];
-            ((layer + layer_0) * all.pixel_count + y * size[0] + x) as usize
+            ((y * size[0] + x) * SAMPLES + first + sample) as usize
         };
         let differs = |i: &usize| got.lists().iter().zip(outcome.lists()).any(|(a, b)| a[*i] != b[index(*i)]);
         (0..tile.point_count as usize).filter(differs).count()
     };
     for (first_row, rows) in [(0, 5), (5, 1), (6, 7)] {
-        assert_eq!(differences(&piece(first_row, rows, 0, LAYERS), 0), 0, "rows from {first_row}");
+        assert_eq!(differences(&piece(first_row, rows, 0, SAMPLES), 0), 0, "rows from {first_row}");
     }
     // Some columns of some rows.
-    let part = Tile { first_column: 7, columns: 20, pixel_count: 100, point_count: 400, ..piece(6, 5, 0, LAYERS) };
+    let part = Tile { first_column: 7, columns: 20, pixel_count: 100, point_count: 400, ..piece(6, 5, 0, SAMPLES) };
     assert_eq!(differences(&part, 0), 0, "a part of the image");
-    for layer in 0..LAYERS {
-        assert_eq!(differences(&piece(0, 13, layer, 1), layer), 0, "layer {layer}");
+    for sample in 0..SAMPLES {
+        assert_eq!(differences(&piece(0, 13, sample, 1), sample), 0, "sample {sample}");
     }
     let others = differences(&piece(0, 13, 1, 1), 2);
-    assert!(others > 100, "layers that are alike: {others} differences");
+    assert!(others > 100, "samples that are alike: {others} differences");
 
     // Samples lie within their pixels.
     let half = match camera.projection {
@@ -693,7 +694,7 @@ fn tiles_and_layers_are_the_whole(gpu: &Gpu) {
         let p = Vec4::from_array(position.map(f32::from_bits)).truncate().as_dvec3() - camera.position.as_dvec3();
         let scale = 0.5 * height / half / -p.dot(backward);
         let film = DVec2::new(0.5 * width + p.dot(right) * scale, 0.5 * height - p.dot(up) * scale);
-        let pixel = i % all.pixel_count as usize;
+        let pixel = i / SAMPLES as usize;
         film - DVec2::new((pixel % size[0] as usize) as f64, (pixel / size[0] as usize) as f64)
     };
     let within = |i: usize, shift: f64| {

@@ -86,7 +86,7 @@ impl Setup {
             Point { position: position.to_array(), normal: if i == 33 { INVALID_POINT } else { oct_encode(DVec3::Y) } }
         });
         let points: Vec<Point> = points.collect();
-        let points = points.repeat(SAMPLES as usize);
+        let points = points.into_iter().flat_map(|point| [point; SAMPLES as usize]).collect();
         let tile = Tile {
             width: PIXELS,
             height: 1,
@@ -94,6 +94,7 @@ impl Setup {
             first_row: 0,
             columns: PIXELS,
             pixel_count: PIXELS,
+            samples_per_pixel: SAMPLES,
             point_count: PIXELS * SAMPLES,
             seed: 4,
             ..Tile::default()
@@ -131,13 +132,17 @@ impl Setup {
 
     /// The candidates of one sample of a pixel.
     fn candidates(&self, sampled: &[(u32, f32)], pixel: u32, sample: u32) -> Vec<(u32, f32)> {
-        let at = |index: u32| sampled[(index * self.tile.point_count + sample * PIXELS + pixel) as usize];
+        let at = |index: u32| sampled[(index * self.tile.point_count + pixel * SAMPLES + sample) as usize];
         (0..LIGHTS_PER_POINT).map(at).collect()
+    }
+
+    fn point(&self, pixel: u32) -> Point {
+        self.points[(pixel * SAMPLES) as usize]
     }
 
     fn irradiance(&self, pixel: u32, light: usize) -> f64 {
         let Lamp { position, intensity } = self.lamps[light];
-        let offset = position - Vec3::from(self.points[pixel as usize].position).as_dvec3();
+        let offset = position - Vec3::from(self.point(pixel).position).as_dvec3();
         intensity * offset.y.max(0.0) / offset.length().powi(3)
     }
 
@@ -176,7 +181,7 @@ fn lights_sampled_by_zone_estimate_all(gpu: &Gpu) {
     let (table, lists) = setup.table(gpu);
     let (shape, _) = zones();
     let list = |pixel: u32| -> BTreeSet<usize> {
-        let position = Vec3::from(setup.points[pixel as usize].position);
+        let position = Vec3::from(setup.point(pixel).position);
         let cell = |axis: usize| ((position[axis] - shape.origin[axis]) * shape.inverse_cell).floor() as u32;
         let zone = (cell(2) * shape.size[1] + cell(1)) * shape.size[0] + cell(0);
         let words = &lists[(zone * ZONE_LIGHTS) as usize..][..ZONE_LIGHTS as usize];

@@ -40,7 +40,7 @@ enum Fault {
     Uncorrected,
     /// The closed form is used where the light crosses the surface's own horizon.
     Horizon,
-    /// The light points are those of the next layer's sample.
+    /// The light points are those of the next sample.
     Sample,
 }
 
@@ -325,8 +325,9 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
     ];
     let of_all_kernels =
         cases.into_iter().flat_map(|case| [ONE_KERNEL, WITH_QUEUE, ALL_QUEUED, AT_ONCE].map(|kernels| (case, kernels)));
-    for ((width, layers, chunk, samples, audit_probability), kernels) in of_all_kernels {
-        let tile = Tile { first_sample: u32::from(width == 32), height: 7, first_row: 6, ..whole([width, 1], layers) };
+    for ((width, samples_per_pixel, chunk, samples, audit_probability), kernels) in of_all_kernels {
+        let of_row = whole([width, 1], samples_per_pixel);
+        let tile = Tile { first_sample: u32::from(width == 32), height: 7, first_row: 6, ..of_row };
         let count = tile.point_count as usize;
         let mut points: Vec<Point> = Vec::new();
         let mut surfaces: Vec<[f32; 4]> = Vec::new();
@@ -381,7 +382,7 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
                     continue;
                 }
                 let bits = &visibility[candidate * setup.candidates.words()..][..setup.candidates.words()];
-                let of = if fault == Fault::Sample { (candidate + width as usize) % classes.len() } else { candidate };
+                let of = if fault == Fault::Sample { (candidate + 1) % classes.len() } else { candidate };
                 let (radiance, visible, size) = setup.estimate(candidate, *word, bits, &light_points[of], fault);
                 sums[i].0 += radiance;
                 sums[i].1 += size;
@@ -400,7 +401,7 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
             }
             wrong
         };
-        assert_eq!(differences(Fault::None), [0, 0], "{width} x {layers}, chunk {chunk:?}, {kernels:?}");
+        assert_eq!(differences(Fault::None), [0, 0], "{width} x {samples_per_pixel}, chunk {chunk:?}, {kernels:?}");
         for fault in [Fault::Unaudited, Fault::Weight, Fault::Uncorrected, Fault::Horizon, Fault::Sample] {
             found.push((fault, differences(fault)[0]));
         }

@@ -87,7 +87,7 @@ impl Setup {
             // Fine cells are tested on their own.
             features.with(Feature::FineCells, false)
         });
-        // Two layers of later samples.
+        // Two later samples of each pixel.
         let tile = Tile { first_sample: 5, ..whole([65, 2], 2) };
         let points = points(tile.point_count as usize);
         Setup { candidates: Candidates { stage, tile, points, chunk, samples }, repair_capacity: 0 }

@@ -47,11 +47,12 @@ impl Stage {
     }
 }
 
-/// A tile that covers a whole image, with `layers` samples per pixel.
-pub fn whole([width, height]: [u32; 2], layers: u32) -> Tile {
+/// A tile that covers a whole image.
+pub fn whole([width, height]: [u32; 2], samples_per_pixel: u32) -> Tile {
     let pixel_count = width * height;
-    let point_count = pixel_count * layers;
-    Tile { width, height, columns: width, rows: height, pixel_count, point_count, seed: 3, ..Tile::default() }
+    let point_count = pixel_count * samples_per_pixel;
+    let of_image = Tile { width, height, columns: width, rows: height, ..Tile::default() };
+    Tile { pixel_count, samples_per_pixel, point_count, seed: 3, ..of_image }
 }
 
 /// The crossing of a line with a triangle, or one outside it by at most [`EDGE`].
@@ -220,6 +221,6 @@ pub fn constant(name: &str) -> u32 {
 /// Seed and sample index of a point of a tile.
 pub fn pixel_of(tile: &Tile, i: usize) -> (u32, u32) {
     let i = i as u32;
-    let pixel = tile.first_row * tile.width + i % tile.pixel_count;
-    (hash(&[pixel, tile.seed]), tile.first_sample + i / tile.pixel_count)
+    let pixel = tile.first_row * tile.width + i / tile.samples_per_pixel;
+    (hash(&[pixel, tile.seed]), tile.first_sample + i % tile.samples_per_pixel)
 }

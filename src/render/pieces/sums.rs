@@ -199,10 +199,11 @@ impl PieceSums {
             let pixels = tile.pixel_count as usize;
             for node in &mut self.batch {
                 let SampleRange { first, .. } = node.range;
-                let (layer, count) = (first - tile.first_sample, node.range.count());
+                let (first, count) = (first - tile.first_sample, node.range.count());
                 node.quantities[index][first_pixel..][..pixels].par_iter_mut().enumerate().for_each(
                     |(pixel, total)| {
-                        *total = total_of_node(&|i| samples[(layer + i) as usize * pixels + pixel], 0, count);
+                        let of_pixel = &samples[pixel * tile.samples_per_pixel as usize..];
+                        *total = total_of_node(&|i| of_pixel[(first + i) as usize], 0, count);
                     },
                 );
             }
