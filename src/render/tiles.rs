@@ -250,7 +250,6 @@ impl TileFilm {
             first_sample,
             seed: image.seed,
             centred: f32::from(image.spp == 1),
-            ..Tile::default()
         }
     }
 }
