@@ -176,9 +176,7 @@ impl SequenceOptions {
         for frame in numbers.clone().map(|number| self.frame(number)) {
             let file = frame.file(&names);
             let text = file.to_string_lossy();
-            let Some(rest) = text.strip_prefix(head) else { continue };
-            let found = (DIGITS..=MAX_DIGITS).filter_map(|digits| rest.get(..digits)?.parse().ok());
-            let mut found = found.filter(|number| numbers.contains(number));
+            let mut found = numbers_at(&text, head.len()).filter(|number| numbers.contains(number));
             if let Some(number) = found.find(|number| self.frame(*number).file(&others) == file) {
                 let problem = format!(
                     "{} is the file of frame {} of {} and of frame {number} of {}: name another output",
@@ -209,6 +207,10 @@ fn without_numbers(name: &Path) -> String {
 
 /// All numbers that a name has where a file of a sequence has that of its frame. Other digits may be next to them.
 fn numbers_in(name: &str) -> impl Iterator<Item = u32> {
-    let number = |from: usize, digits: usize| name.get(from..from + digits)?.parse().ok();
-    (0..name.len()).flat_map(move |from| (DIGITS..=MAX_DIGITS).filter_map(move |digits| number(from, digits)))
+    (0..name.len()).flat_map(|from| numbers_at(name, from))
+}
+
+/// Those of them that begin at byte `from`.
+fn numbers_at(name: &str, from: usize) -> impl Iterator<Item = u32> {
+    (DIGITS..=MAX_DIGITS).filter_map(move |digits| name.get(from..from + digits)?.parse().ok())
 }
