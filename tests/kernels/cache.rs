@@ -16,6 +16,7 @@ use crate::kit::{device_features, published};
 use crate::octahedral::oct_encode;
 use crate::random::{Random, RandomInput as _};
 use crate::rooms::{point, point_normal};
+use crate::stage::whole;
 
 /// Pixels of a block's side.
 const BLOCK: f64 = 8.0;
@@ -305,10 +306,7 @@ fn is_glossy(i: usize) -> bool {
 }
 
 fn tile_of([width, height]: [u32; 2], first_row: u32, rows: u32, samples_per_pixel: u32) -> Tile {
-    let pixel_count = width * rows;
-    let point_count = pixel_count * samples_per_pixel;
-    let of_image = Tile { width, height, first_row, columns: width, ..Tile::default() };
-    Tile { pixel_count, samples_per_pixel, point_count, ..of_image }
+    Tile { height, first_row, ..whole([width, rows], samples_per_pixel) }
 }
 
 /// Errors of interpolated light, relative to the light times the largest coordinate in units of the smallest radius of

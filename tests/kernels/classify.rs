@@ -15,6 +15,7 @@ use penumbra::internal::statistics::Counter;
 
 use crate::kit::{device_features, published};
 use crate::rooms::{Random, Room, nearest_kinds, point_normal};
+use crate::stage::whole;
 
 struct Outcome {
     words: Vec<u32>,
@@ -44,17 +45,7 @@ struct Setup<'a> {
 
 impl<'a> Setup<'a> {
     fn new(photons: &'a [Photon], points: &'a [Point], shape: GridShape, nearest: u32) -> Self {
-        let count = points.len() as u32;
-        let tile = Tile {
-            width: count,
-            height: 1,
-            columns: count,
-            rows: 1,
-            pixel_count: count,
-            samples_per_pixel: 1,
-            point_count: count,
-            ..Tile::default()
-        };
+        let tile = Tile { seed: 0, ..whole([points.len() as u32, 1], 1) };
         let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audits: AuditProbabilities::default() };
         Setup {
             photons,

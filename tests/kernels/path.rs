@@ -18,6 +18,7 @@ use penumbra::settings::{Settings, Technique};
 
 use crate::kit::device_features;
 use crate::light::{cube, form_factor, sphere, square};
+use crate::stage::whole;
 use crate::statistics::{mean_and_error, z_test};
 
 pub use crate::meshes::{camera, inside_out, scene, surface};
@@ -91,18 +92,7 @@ fn render_clamped(
     buffers.radiance_indirect = Some(indirect);
     let primary = primary.bind(gpu, &buffers, &gpu_scene).unwrap();
     let bound = path.bind(gpu, &buffers, &[&gpu_scene]).unwrap();
-    let tile = Tile {
-        width: size,
-        height: size,
-        first_column: 0,
-        first_row: 0,
-        columns: size,
-        pixel_count: size * size,
-        samples_per_pixel: spp,
-        point_count,
-        seed: 1,
-        ..Tile::default()
-    };
+    let tile = Tile { seed: 1, ..whole([size, size], spp) };
     let mut frame = gpu.frame("test");
     frame.clear(&buffers.counters);
     primary.record(&mut frame, &tile);
@@ -327,18 +317,7 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
     let features = device_features(gpu).iter().fold(needed, |features, feature| features.with(feature, true));
     let gpu_scene = GpuScene::new(gpu, &all, bvh, &view, [SIZE, SIZE], &features).unwrap();
     let constants = gpu_scene.constants();
-    let tile = Tile {
-        width: SIZE,
-        height: SIZE,
-        first_column: 0,
-        first_row: 0,
-        columns: SIZE,
-        pixel_count: SIZE * SIZE,
-        samples_per_pixel: SPP,
-        point_count: SIZE * SIZE * SPP,
-        seed: 5,
-        ..Tile::default()
-    };
+    let tile = Tile { seed: 5, ..whole([SIZE, SIZE], SPP) };
     let count = tile.point_count as usize;
     let queue = PathQueue {
         points: gpu.poisoned::<u32>("test/path_points", count + 1).unwrap(),

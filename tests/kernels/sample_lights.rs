@@ -21,7 +21,7 @@ use crate::octahedral::oct_encode;
 use crate::path::{camera, scene, surface};
 use crate::random::{Random, RandomInput as _};
 use crate::rooms::photon;
-use crate::stage::Stage;
+use crate::stage::{Stage, whole};
 use crate::statistics::{mean_and_error, z_test};
 use crate::ward::{Lamp, lit_floor};
 
@@ -85,20 +85,8 @@ impl Setup {
                 Vec3::new((f64::from(i) / f64::from(PIXELS) - 0.5) as f32, 0.0, 0.18 * random.uniform() as f32 - 0.09);
             Point { position: position.to_array(), normal: if i == 33 { INVALID_POINT } else { oct_encode(DVec3::Y) } }
         });
-        let points: Vec<Point> = points.collect();
-        let points = points.into_iter().flat_map(|point| [point; SAMPLES as usize]).collect();
-        let tile = Tile {
-            width: PIXELS,
-            height: 1,
-            first_column: 0,
-            first_row: 0,
-            columns: PIXELS,
-            pixel_count: PIXELS,
-            samples_per_pixel: SAMPLES,
-            point_count: PIXELS * SAMPLES,
-            seed: 4,
-            ..Tile::default()
-        };
+        let points = points.flat_map(|point| [point; SAMPLES as usize]).collect();
+        let tile = Tile { seed: 4, ..whole([PIXELS, 1], SAMPLES) };
         Setup { stage, lamps, points, tile }
     }
 
