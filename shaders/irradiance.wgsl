@@ -351,7 +351,7 @@ fn with_wall(walls: Walls, plane: vec4f) -> Walls {
 }
 
 struct Covered {
-    // Area of surface over that of the disc; 0 where no probe hit any surface.
+    // Area of surface over that of the disc; 0 for a disc without a radius.
     area: f32,
     // Distance from the position, in radii, within which the probes found no edge, wall or gap.
     clear: f32,
@@ -395,9 +395,11 @@ fn covered(position: vec3f, normal: vec3f, radius: f32, lane: u32) -> Covered {
     let disc = ProbedDisc(position, normal, basis(normal), radius, rotation);
     let hits = trace_probes(disc, lane);
     @if(!negative_photons) let walls = without_passed_walls(hits.walls, hits.stopped, disc);
-    if hits.found == 0u { return Covered(); }
-    // (n + 1) / (found + 1) is a nearly unbiased estimate of 1 over the share; n / found is not.
-    let area = hits.slant / f32(hits.found) * (f32(hits.found + 1u) / f32(PROBES + 1u));
+    if radius <= 0.0 { return Covered(); }
+    // (n + 1) / (found + 1) is a nearly unbiased estimate of 1 over the share; n / found is not. Without those discs of
+    // which no probe finds the surface, the mean over all would be too small: at alpha 0.1, by half.
+    let slant = select(1.0, hits.slant / f32(max(hits.found, 1u)), hits.found > 0u);
+    let area = slant * (f32(hits.found + 1u) / f32(PROBES + 1u));
     let clear = clear_distance(hits.found);
     @if(negative_photons) { return Covered(area, clear, Walls(NO_WALL, NO_WALL), hits.hidden / f32(PROBES)); }
     @else { return Covered(area, clear, walls); }
@@ -417,6 +419,9 @@ struct ProbeHits {
 // Each probe traces from the position to a point above its sample of the disc, and from there down to the surface.
 fn trace_probes(disc: ProbedDisc, lane: u32) -> ProbeHits {
     let origin = offset_origin(disc.position, disc.normal);
+    // By all three coordinates: the points of a plane across an axis have one of them in common.
+    let bits = bitcast<vec3u>(disc.position);
+    let seed = hash3(bits.x, bits.y, bits.z);
     var hits: ProbeHits;
     @if(!negative_photons) { hits.walls = Walls(NO_WALL, NO_WALL); }
     // Whether anything stopped the probe on its way up.
@@ -429,7 +434,7 @@ fn trace_probes(disc: ProbedDisc, lane: u32) -> ProbeHits {
         @if(negative_photons) let traces = disc.radius > 0.0;
         @if(!negative_photons) let traces = disc.radius > 0.0 && !(is_down && blocked);
         if traces { ray = probe_ray(disc, probe, is_down, origin); }
-        let sample = RaySample(hash1(bitcast<u32>(disc.position.x) + probe), 0u);
+        let sample = RaySample(hash1(seed + probe), 0u);
         let hit = trace_closest_together(ray, sample, lane);
         let met = hit.triangle != NO_HIT;
         if !is_down { blocked = met; }
