@@ -33,13 +33,17 @@ struct Refracted {
     share: vec3f,
 }
 
-// The wavelength that a surface refracts. If the ray carries no light, surfaces refract green.
+// The wavelength that a surface refracts, which lets the share `tint` of each pass: one that the ray carries and the
+// surface lets pass, or green if there is none. So whatever wavelength is chosen, the surface transmits light, and paths
+// and photons agree on whether it focuses light.
 @if(dispersion)
-fn refracted_wavelength() -> Refracted {
-    let present = vec3u(carried != vec3f(0.0));
+fn refracted_wavelength(tint: vec3f) -> Refracted {
+    let present = vec3u(carried * tint != vec3f(0.0));
     let count = present.x + present.y + present.z;
     if count == 0u { return Refracted(1u, vec3f(1.0)); }
     if count == 1u { return Refracted(present.y + 2u * present.z, vec3f(1.0)); }
-    let own = vec3u(own_wavelength) == vec3u(0u, 1u, 2u);
-    return Refracted(own_wavelength, select(vec3f(0.0), vec3f(3.0), own));
+    // In place of one that is absent comes the next one, which then has two thirds of the paths.
+    let chosen = select((own_wavelength + 1u) % 3u, own_wavelength, present[own_wavelength] != 0u);
+    let thirds = 2u - present[(chosen + 2u) % 3u];
+    return Refracted(chosen, select(vec3f(0.0), vec3f(3.0 / f32(thirds)), vec3u(chosen) == vec3u(0u, 1u, 2u)));
 }

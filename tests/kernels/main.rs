@@ -44,4 +44,5 @@ mod statistics;
 mod terminator;
 mod traverse;
 mod ward;
+mod wavelength;
 mod zones;

@@ -55,7 +55,7 @@ fn transmission_lobe(material: u32, factor: TransmissionFactors, context: LobeCo
     @if(dispersion) {
         let spread = bitcast<f32>(load_material_texel(material + DISPERSION_TEXEL).x);
         if spread > 0.0 && index != 1.0 {
-            let refracted = refracted_wavelength();
+            let refracted = refracted_wavelength(tint);
             index += spread * (f32(refracted.wavelength) - 1.0);
             if abs(index - 1.0) < MIN_BENDING { index = 1.0; }
             tint *= refracted.share;
