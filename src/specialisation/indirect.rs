@@ -13,18 +13,23 @@ impl Specialisation {
     pub(super) fn decide_on_indirect_light(&mut self, scene: &Scene, settings: &Settings, m: &Facts) {
         let lit = is_lit(scene);
         let technique = settings.technique;
-        // Without bounces, only the first ray of a path remains, for the highlights of lights that rays can hit.
+        // Without bounces, only a path's first vertex remains: for the highlights of lights that its ray can hit, and for
+        // light that comes through the surface, which pass `shade` leaves to paths.
         let rays = self.decide_on_bsdf_rays(scene, settings, m);
         let reflected = settings.indirect.max_bounces > 0 && m.reflecting > 0;
-        let on = technique.is_two_pass() && lit && (reflected || rays);
+        let on = technique.is_two_pass() && lit && (reflected || rays || m.transmitting > 0);
         let why = match settings.indirect.max_bounces {
-            0 => "highlights of lights that rays can hit".to_owned(),
+            0 if rays => "highlights of lights that rays can hit".to_owned(),
+            0 => "light that comes through surfaces".to_owned(),
             bounces => format!("up to {bounces} bounces"),
         };
         let unneeded = match settings.indirect.max_bounces {
             _ if technique.is_path_tracing() => "paths carry all light",
             _ if technique.shows_map() => "the map holds all light",
-            0 if lit => "no light that rays can hit is large beside a glossy lobe, and `indirect.max_bounces` is 0",
+            0 if lit => {
+                "no light that rays can hit is large beside a glossy lobe, no surface lets light pass, and \
+                `indirect.max_bounces` is 0"
+            }
             0 => "`indirect.max_bounces` is 0",
             _ if lit => "every surface is black",
             _ => "there is no surface or no light",
@@ -32,7 +37,7 @@ impl Specialisation {
         let cost = "pass path: a path from every glossy point, and where no irradiance record is valid; 16 B per point";
         self.decide(Feature::Indirect, on, why, unneeded, cost);
         let bounces = on && reflected;
-        let why = "points where a ray may hit a light".to_owned();
+        let why = "points where a ray may hit a light, or light comes through the surface".to_owned();
         let unneeded = if on { "paths carry indirect light too" } else { "nothing is traced" };
         let cost = "a test of every point and light, and a queue of points";
         self.decide(Feature::Highlights, on && !reflected, why, unneeded, cost);

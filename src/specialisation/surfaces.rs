@@ -114,6 +114,8 @@ pub(super) struct Facts {
     pub(super) clear: usize,
     /// Materials that are not black.
     pub(super) reflecting: usize,
+    /// Materials with a lobe that lets light pass.
+    pub(super) transmitting: usize,
     pub(super) alpha: usize,
     pub(super) unlit: usize,
     pub(super) vertex_colours: bool,
@@ -162,6 +164,7 @@ impl Facts {
             facts.focusing += usize::from(focuses(m));
             facts.clear += usize::from(focuses(m) && m.roughness <= CLEAR_ROUGHNESS);
             facts.reflecting += usize::from(!m.is_black());
+            facts.transmitting += usize::from(!m.unlit && m.has_transmitting_lobe());
             facts.alpha += usize::from(m.alpha != AlphaMode::Opaque);
             facts.unlit += usize::from(m.unlit);
         }

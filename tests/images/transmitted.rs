@@ -1,16 +1,16 @@
 //! Light that passes through surfaces: diffusely, by wavelength, and within volumes of other objects.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3, Vec3, Vec4};
 use penumbra::internal::scene::{
-    DiffuseTransmission, Dispersion, Material, Medium, Panorama, Specular, Transmission, Volume,
+    DiffuseTransmission, Dispersion, LightKind, Material, Medium, Panorama, Specular, Transmission, Volume,
 };
 use penumbra::{Aov, Scene, Settings, Technique};
 
 use crate::meshes::{Corners, camera, cube, panorama, scene, sphere, square, surface};
-use crate::setup::{deviation, mean_and_error, render_scene};
+use crate::setup::{assert_same, deviation, mean_and_error, render_scene};
 
 fn settings(technique: Technique, spp: u32) -> Settings {
     Settings::default().with(|s| {
@@ -54,6 +54,53 @@ fn leaves_show_the_light_behind_them() {
             }
             assert_eq!(statistics.not_finite, 0);
         }
+    }
+}
+
+/// Without bounces, a leaf shows the light of a lamp behind it that has no size: its radiance is c / pi times the
+/// irradiance. Two-pass techniques had none, because no ray can hit such a lamp.
+#[test]
+fn leaves_show_lamps_without_a_size_behind_them() {
+    let colour = Vec3::new(0.9, 0.6, 0.3);
+    let lamp = LightKind::Point { position: Vec3::Y, intensity: Vec3::ONE, range: f32::INFINITY };
+    let sheet = [(square(DVec3::ZERO, DVec3::Z * 0.6, DVec3::X * 0.6), leaf(0.5, 1.0, colour))];
+    let (distance, angle) = (0.5, 0.5f32);
+    let view = camera(DVec3::NEG_Y * distance, DVec3::Y, angle);
+    // The mean irradiance of what is seen, by the midpoint rule.
+    let at = |i: i32| distance * f64::from(angle / 2.0).tan() * (f64::from(2 * i + 1) / 64.0 - 1.0);
+    let irradiance = |i: i32| (at(i % 64).powi(2) + at(i / 64).powi(2) + 1.0).powf(-1.5);
+    let mean_irradiance = (0..64 * 64).map(irradiance).sum::<f64>() / f64::from(64 * 64);
+    for technique in Technique::all().filter(|technique| !technique.shows_map()) {
+        let settings = settings(technique, 16).with(|s| s.indirect.max_bounces = 0);
+        let (image, _) = render_scene(scene(&sheet, vec![lamp.clone()]), &view, &settings);
+        for (channel, colour) in ["R", "G", "B"].into_iter().zip(colour.to_array()) {
+            let expected = f64::from(colour) / PI * mean_irradiance;
+            let (mean, error) = mean_and_error(&image, channel);
+            // 16,000 stratified samples of a function that varies by a tenth.
+            let off = |mean: f64| (mean - expected).abs() / (3.5 * error + 1e-3 * expected);
+            assert!(off(mean) < 1.0, "{technique}, {channel}: {mean} +- {error}, not {expected}");
+            assert!(off(1.02 * mean) > 1.0, "{technique}, {channel}: 2 % more would pass");
+        }
+    }
+}
+
+/// A volume behind a surface that lets no light pass has no effect, whatever else the scene has: rays that meet the
+/// back of an opaque bowl were absorbed as soon as any other material was glass.
+#[test]
+fn volumes_behind_opaque_surfaces_have_no_effect() {
+    let volume = Volume { attenuation_distance: 0.1, attenuation_colour: Vec3::splat(0.1) };
+    let pane = square(DVec3::new(0.0, 0.3, 0.0), DVec3::X * 0.2, DVec3::NEG_Z * 0.2);
+    let lamp = LightKind::Point { position: Vec3::new(0.2, 0.6, 0.1), intensity: Vec3::ONE, range: f32::INFINITY };
+    let view = camera(DVec3::new(0.0, 0.6, 0.6), DVec3::new(0.0, -0.6, -0.6), 0.8);
+    for technique in [Technique::PATH, Technique::SHADOW_PHOTONS] {
+        let of = |volume: Option<Volume>| {
+            let room = Material { volume, double_sided: true, ..surface(0.7, 0.0) };
+            let meshes = [(cube(DVec3::ZERO, 1.0), room), (pane.clone(), glass(1.5, 0.0))];
+            render_scene(scene(&meshes, vec![lamp.clone()]), &view, &settings(technique, 4)).0
+        };
+        let [without, with] = [None, Some(volume)].map(of);
+        assert!(mean_and_error(&without, "G").0 > 0.01, "{technique}: nothing is lit");
+        assert_same(&with, &without, &technique.to_string());
     }
 }
 
