@@ -38,14 +38,13 @@ struct Placed {
 
 /// Gives the primitives that lie in volumes copies of their materials with [`Material::medium`] set.
 pub(super) fn immerse(geometry: &mut Geometry, materials: &mut Vec<Material>, notes: &mut Notes) {
-    let is_vessel = |m: &Material| m.volume.is_some() && !m.unlit && m.has_transmitting_lobe();
-    if !materials.iter().any(is_vessel) {
+    if !materials.iter().any(Material::encloses_volume) {
         return;
     }
     let PlacedPrimitives { world, triangles, ranges } = geometry.placed_primitives();
     let primitives: Vec<Placed> = ranges.par_iter().filter_map(|range| Placed::new(range, world, triangles)).collect();
     let mut vessels: Vec<&Placed> =
-        primitives.iter().filter(|primitive| is_vessel(&materials[primitive.material as usize])).collect();
+        primitives.iter().filter(|primitive| materials[primitive.material as usize].encloses_volume()).collect();
     vessels.sort_by(|a, b| a.size().total_cmp(&b.size()));
     let to_unit = to_unit_box(&vessels);
     let tree = BoxTree::new(vessels.par_iter().map(|vessel| vessel.unit_bounds(&to_unit)));

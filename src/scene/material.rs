@@ -230,12 +230,28 @@ impl Material {
     /// Emits light, and reflects nothing and lets nothing pass.
     pub(crate) fn is_black_lamp(&self) -> bool {
         let reflects = self.base_colour.truncate() != Vec3::ZERO || self.specular.factor > 0.0;
-        self.emissive != Vec3::ZERO && !reflects && !self.has_reflecting_lobe()
+        let passes = self.has_reflecting_lobe() || self.has_transmitting_lobe();
+        self.emissive != Vec3::ZERO && !reflects && !passes
+    }
+
+    /// Has a volume behind its surface that light enters. Without a lobe that lets light pass, KHR_materials_volume has
+    /// no effect.
+    pub(crate) fn encloses_volume(&self) -> bool {
+        self.volume.is_some() && !self.unlit && self.has_transmitting_lobe()
+    }
+
+    /// Rays may pass it because of its alpha, as far as factors tell.
+    pub(crate) fn has_gaps(&self) -> bool {
+        match self.alpha {
+            AlphaMode::Opaque => false,
+            AlphaMode::Mask { cutoff } => self.base_colour_texture.is_some() || self.base_colour.w < cutoff,
+            AlphaMode::Blend => self.base_colour_texture.is_some() || self.base_colour.w < 1.0,
+        }
     }
 
     /// Emits light into the volume behind its surface, which absorbs light.
     pub(crate) fn emits_into_volume(&self) -> bool {
-        let absorbs = self.volume.is_some_and(|volume| volume.absorption(1.0) != [0.0; 3]);
+        let absorbs = self.volume.is_some_and(|volume| volume.absorption(1.0) != [0.0; 3]) && self.encloses_volume();
         self.emissive != Vec3::ZERO && self.double_sided && absorbs
     }
 
@@ -262,7 +278,8 @@ impl Material {
             [self.roughness, f0, self.normal_scale, cutoff],
             [red, green, blue, 0.0],
         ];
-        let lobes = self.lobe_texels(&LobeContext { scale, ior: self.ior, outside, absorption });
+        let encloses_volume = self.encloses_volume();
+        let lobes = self.lobe_texels(&LobeContext { scale, ior: self.ior, outside, absorption, encloses_volume });
         let textures = infos.iter().enumerate().fold(0, |mask, (i, info)| mask | u32::from(*info != 0) << i);
         let mut words = vec![flags | textures << FLAG_BITS];
         words.extend(infos);

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::gpu_scene::{GpuLights, ReceiverBounds};
-use penumbra::internal::scene::{LightKind, Material, Scene, Specular};
+use penumbra::internal::scene::{DiffuseTransmission, LightKind, Material, Scene, Specular};
 
 use crate::light::{Emitted, cube, emit, scene, sphere, square};
 
@@ -135,6 +135,9 @@ fn black_lamps_receive_nothing() {
     assert!(receivers.radius > radius && receivers.radius < radius + 2e-4, "{receivers:?}");
     scene.materials[1].specular.factor = 0.5;
     assert!(ReceiverBounds::of(&scene).unwrap().radius > 0.7, "a lamp that reflects is a receiver");
+    let shade = Material { diffuse_transmission: DiffuseTransmission::new(0.5, Vec3::ONE), ..black.clone() };
+    scene.materials[1] = shade;
+    assert!(ReceiverBounds::of(&scene).unwrap().radius > 0.7, "a lamp that lets light pass is a receiver");
     scene.materials = vec![black.clone(), black];
     assert_eq!(ReceiverBounds::of(&scene), None);
 }

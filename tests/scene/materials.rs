@@ -416,6 +416,29 @@ fn diffuse_transmission_and_dispersion() {
     }
 }
 
+/// A volume whose surface rays may pass by its alpha is not absorbed right, and the import says so.
+#[test]
+fn volumes_with_alpha_are_noted() {
+    let notes = |material: Value| {
+        let mut material = material;
+        material["name"] = json!("jelly");
+        material["extensions"] = json!({
+            "KHR_materials_transmission": { "transmissionFactor": 1 },
+            "KHR_materials_volume": { "thicknessFactor": 1 },
+        });
+        let scene = with_material(material, 1).load();
+        scene.notes.iter().filter(|note| note.starts_with("material \"jelly\" has a volume")).count()
+    };
+    let factor = |alpha: f64| json!({ "baseColorFactor": [1, 1, 1, alpha] });
+    let texture = || json!({ "baseColorTexture": { "index": 0 } });
+    assert_eq!(notes(json!({ "alphaMode": "BLEND", "pbrMetallicRoughness": factor(0.5) })), 1);
+    assert_eq!(notes(json!({ "alphaMode": "BLEND", "pbrMetallicRoughness": factor(1.0) })), 0);
+    assert_eq!(notes(json!({ "alphaMode": "BLEND", "pbrMetallicRoughness": texture() })), 1);
+    assert_eq!(notes(json!({ "alphaMode": "MASK", "pbrMetallicRoughness": texture() })), 1);
+    assert_eq!(notes(json!({ "alphaMode": "MASK", "pbrMetallicRoughness": factor(0.6) })), 0);
+    assert_eq!(notes(json!({ "alphaMode": "OPAQUE", "pbrMetallicRoughness": factor(0.5) })), 0);
+}
+
 /// The corners of a cube with the given centre and half of its side, as triangles of three positions each.
 fn cube(centre: [f32; 3], half: f32) -> Vec<[f32; 3]> {
     const QUADS: [[usize; 4]; 6] = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];

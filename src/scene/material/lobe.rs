@@ -39,6 +39,8 @@ pub(crate) struct LobeContext {
     pub outside: f32,
     /// Absorption of that volume per normalised length.
     pub absorption: [f32; 3],
+    /// Light enters the material's own volume.
+    pub encloses_volume: bool,
 }
 
 /// How kernels find a lobe: the names of constants of `package::lib::constants`, and their values.

@@ -71,12 +71,13 @@ impl Lobe for Option<Volume> {
     /// thin wall.
     fn texels(&self, context: &LobeContext) -> Vec<[f32; 4]> {
         let ior = context.ior / context.outside;
-        let bends = self.is_some() && (ior - 1.0).abs() >= MIN_BENDING;
+        let own = self.filter(|_| context.encloses_volume);
+        let bends = own.is_some() && (ior - 1.0).abs() >= MIN_BENDING;
         // An index of 0 stands for an infinite one, which reflects all.
         let refraction = if bends && ior > 0.0 { ior } else { 1.0 };
         // A surface without a volume of its own has the same medium on both sides.
-        let own = self.map(|volume| volume.absorption(context.scale));
-        let [red, green, blue] = own.unwrap_or(context.absorption);
+        let absorption = own.map(|volume| volume.absorption(context.scale));
+        let [red, green, blue] = absorption.unwrap_or(context.absorption);
         vec![[red, green, blue, refraction]]
     }
 }
