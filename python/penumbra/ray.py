@@ -21,6 +21,7 @@ import pathlib
 import shutil
 import tempfile
 import urllib.parse
+import uuid
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -55,6 +56,14 @@ class Rendered:
     statistics: dict[str, Any]
     node: str
     size: int
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A scene in a file that workers see, and the call of `render`: until the next call the file may change."""
+
+    path: str
+    call: str
 
 
 @dataclass(frozen=True)
@@ -107,7 +116,7 @@ def render(
     if not ray.is_initialized():
         ray.init()
     load = dict(scene or {})
-    source = ray.put(_pack(pathlib.Path(path), load) if send else os.fspath(path))
+    source = ray.put(_pack(pathlib.Path(path), load) if send else _Seen(os.fspath(path), uuid.uuid4().hex))
     task = _render_piece.options(max_retries=retries, **(options or {}))
 
     def submit(number: int | None, piece: Piece) -> ray.ObjectRef[Any]:
@@ -277,13 +286,16 @@ def _unpack(sent: _Sent) -> tuple[str, str | None]:
 _last: tuple[object, penumbra.Scene] | None = None
 
 
-def _load(source: str | _Sent, load: dict[str, Any]) -> penumbra.Scene:
+def _load(source: _Seen | _Sent, load: dict[str, Any]) -> penumbra.Scene:
     global _last
-    path = source
-    if isinstance(path, _Sent):
-        path, environment = _unpack(path)
+    if isinstance(source, _Sent):
+        # The name of its folder follows from the content of the files.
+        path, environment = _unpack(source)
+        call = None
         load = {**load, "environment": environment}
-    key = (path, sorted((name, str(value)) for name, value in load.items()))
+    else:
+        path, call = source.path, source.call
+    key = (path, call, sorted((name, str(value)) for name, value in load.items()))
     if _last is None or _last[0] != key:
         _last = None
         _last = (key, penumbra.Scene.load(path, **load))
@@ -292,7 +304,7 @@ def _load(source: str | _Sent, load: dict[str, Any]) -> penumbra.Scene:
 
 @ray.remote
 def _render_piece(
-    source: str | _Sent, load: dict[str, Any], settings: dict[str, Any], piece: Piece
+    source: _Seen | _Sent, load: dict[str, Any], settings: dict[str, Any], piece: Piece
 ) -> tuple[bytes, dict[str, Any], str]:
     """Renders a piece: the bytes of its EXR, its statistics, and the node."""
     cut: dict[str, Any] = {} if piece.samples is None else {"samples": piece.samples, "crop": piece.crop}

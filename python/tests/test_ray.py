@@ -108,6 +108,18 @@ def test_frames_are_those_of_one_process(workers, scenes, device, tmp_path):
     assert len(images) == 24, "the animation moves"
 
 
+def test_a_file_that_changes_is_read_again(workers, scenes, device, tmp_path):
+    """Workers keep the last scene, and have it from the first image."""
+    scene, output = tmp_path / "scene.glb", tmp_path / "whole.exr"
+    settings = {"spp": 8, "device": device, **SETTINGS}
+    for name in ["box.glb", "sphere.glb"]:
+        scene.write_bytes((scenes / name).read_bytes())
+        penumbra.ray.render(scene, output, ranges=4, **settings)
+        alone = tmp_path / "alone.exr"
+        penumbra.Scene.load(scene).render(samples=(0, 8), **settings).save(alone)
+        assert penumbra.read(output).image.tobytes() == penumbra.merge([alone]).image.tobytes(), name
+
+
 def turning(glb: bytes) -> bytes:
     """The scene with an animation that turns its camera's node for a second."""
     import json
