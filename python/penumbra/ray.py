@@ -120,8 +120,8 @@ def render(
     task = _render_piece.options(max_retries=retries, **(options or {}))
 
     def submit(number: int | None, piece: Piece) -> ray.ObjectRef[Any]:
-        of_frame = load if number is None else {**load, "at": number / fps}
-        return task.remote(source, of_frame, {**settings, "spp": spp}, piece)
+        seconds = None if number is None else number / fps
+        return task.remote(source, load, seconds, {**settings, "spp": spp}, piece)
 
     todo = (Piece(number, samples, crop) for number in numbers for samples, crop in cuts)
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
@@ -282,11 +282,13 @@ def _unpack(sent: _Sent) -> tuple[str, str | None]:
     return str(folder / sent.scene), sent.environment and str(folder / sent.environment)
 
 
-# The scene of the last piece: pieces of one image follow each other. A worker is one process.
+# The scene of the last piece: pieces of one image follow each other, and frames have one camera. A worker is one
+# process.
 _last: tuple[object, penumbra.Scene] | None = None
 
 
-def _load(source: _Seen | _Sent, load: dict[str, Any]) -> penumbra.Scene:
+def _load(source: _Seen | _Sent, load: dict[str, Any], seconds: float | None) -> penumbra.Scene:
+    """The scene, or its moment of a sequence."""
     global _last
     if isinstance(source, _Sent):
         # The name of its folder follows from the content of the files.
@@ -298,17 +300,19 @@ def _load(source: _Seen | _Sent, load: dict[str, Any]) -> penumbra.Scene:
     key = (path, call, sorted((name, str(value)) for name, value in load.items()))
     if _last is None or _last[0] != key:
         _last = None
-        _last = (key, penumbra.Scene.load(path, **load))
+        _last = (key, penumbra.Scene.load(path, **load if seconds is None else {**load, "at": seconds}))
+    if seconds is not None:
+        _last = (key, _last[1].at(seconds))
     return _last[1]
 
 
 @ray.remote
 def _render_piece(
-    source: _Seen | _Sent, load: dict[str, Any], settings: dict[str, Any], piece: Piece
+    source: _Seen | _Sent, load: dict[str, Any], seconds: float | None, settings: dict[str, Any], piece: Piece
 ) -> tuple[bytes, dict[str, Any], str]:
     """Renders a piece: the bytes of its EXR, its statistics, and the node."""
     cut: dict[str, Any] = {} if piece.samples is None else {"samples": piece.samples, "crop": piece.crop}
-    result = _load(source, load).render(**settings, **cut)
+    result = _load(source, load, seconds).render(**settings, **cut)
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
         file = pathlib.Path(folder) / "piece.exr"
         result.save(file)

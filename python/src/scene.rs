@@ -1,7 +1,8 @@
 //! The class `Scene`: a file, as one moment of its animation shows it.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
 use penumbra::internal::gpu_scene::camera::CameraUniform;
 use penumbra::{Camera, Focus, Framing, ImportOptions, Iris, Panorama};
@@ -9,7 +10,7 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::device::{self, detached};
+use crate::device::{self, detached, lock};
 use crate::error::{error, of_library};
 use crate::keywords::{self, take, take_as};
 use crate::render::{self, Job, Limits};
@@ -24,6 +25,11 @@ pub struct Scene {
     scene: Arc<penumbra::Scene>,
     /// Seconds that it took to read.
     import: f64,
+    /// The beginning of the animation, once a camera has framed it. Scenes that `at` makes of each other share it.
+    beginning: Arc<Mutex<Option<Arc<penumbra::Scene>>>>,
+    /// Whether `at` made the scene. A camera that frames it then frames the beginning of the animation, as in a
+    /// sequence, so that all moments have one camera.
+    is_moment: bool,
 }
 
 /// What a scene was read from.
@@ -42,15 +48,21 @@ struct Environment {
 }
 
 impl File {
-    fn read(self) -> penumbra::Result<Scene> {
-        let start = std::time::Instant::now();
+    fn read(&self) -> penumbra::Result<Arc<penumbra::Scene>> {
         let mut scene = penumbra::Scene::load(&self.path, &self.options)?;
         if let Some(Environment { path, rotation, strength }) = &self.environment {
             let (panorama, notes) = Panorama::load(path, self.options.lenient)?;
             scene.set_environment(Arc::new(panorama), *rotation, *strength)?;
             scene.notes.extend(notes);
         }
-        Ok(Scene { file: self, scene: Arc::new(scene), import: start.elapsed().as_secs_f64() })
+        Ok(Arc::new(scene))
+    }
+
+    /// The same file at another moment.
+    fn at(&self, seconds: f64) -> File {
+        let mut file = self.clone();
+        file.options.time = Some(seconds);
+        file
     }
 }
 
@@ -90,18 +102,29 @@ impl Scene {
         if options.time.is_none() && (options.animation.is_some() || options.repeat) {
             return Err(error("animation and loop need at, the seconds from the beginning of the animation"));
         }
-        detached(py, || File { path, options, environment }.read())?.map_err(of_library)
+        let file = File { path, options, environment };
+        let start = Instant::now();
+        let scene = detached(py, || file.read())?.map_err(of_library)?;
+        let import = start.elapsed().as_secs_f64();
+        Ok(Scene { file, scene, import, beginning: Arc::default(), is_moment: false })
     }
 
     /// The scene of the same file, `seconds` after the beginning of its animation.
+    ///
+    /// If the camera frames the scene, it is the same for all moments: it frames the beginning of the animation.
     #[pyo3(signature = (seconds, *, animation = None), text_signature = "($self, seconds, *, animation=None)")]
     fn at(&self, py: Python<'_>, seconds: f64, animation: Option<&Bound<'_, PyAny>>) -> PyResult<Scene> {
-        let mut file = self.file.clone();
-        file.options.time = Some(seconds);
+        let mut file = self.file.at(seconds);
         if let Some(animation) = animation {
             file.options.animation = Some(name_or_index(animation, "animation")?);
         }
-        detached(py, || file.read())?.map_err(of_library)
+        let start = Instant::now();
+        let is_this = file.options == self.file.options;
+        let scene = if is_this { self.scene.clone() } else { detached(py, || file.read())?.map_err(of_library)? };
+        let import = start.elapsed().as_secs_f64();
+        let is_same = file.options.animation == self.file.options.animation;
+        let beginning = if is_same { self.beginning.clone() } else { Arc::default() };
+        Ok(Scene { file, scene, import, beginning, is_moment: true })
     }
 
     /// Renders the scene.
@@ -133,7 +156,7 @@ impl Scene {
             (true, true) => image.width as f32 / image.height as f32,
             _ => 1.0,
         };
-        let camera = self.camera(&keywords, framed)?;
+        let camera = self.camera(py, &keywords, framed)?;
         let aspect = f64::from(CameraUniform::aspect(&camera));
         let side = |length: f64| (length.round() as u32).max(1);
         match (has_width, has_height) {
@@ -188,10 +211,12 @@ impl Scene {
 
 impl Scene {
     /// The camera that the keywords select, with its lens. `aspect` is that of an image that no camera decides.
-    fn camera(&self, keywords: &Bound<'_, PyDict>, aspect: f32) -> PyResult<Camera> {
+    fn camera(&self, py: Python<'_>, keywords: &Bound<'_, PyDict>, aspect: f32) -> PyResult<Camera> {
         let wanted = take(keywords, "camera")?.map(|name| name_or_index(&name, "camera")).transpose()?;
         let direction: Option<[f32; 2]> = take_as(keywords, "direction")?;
-        let mut camera = self.select(wanted.as_deref(), direction, aspect)?;
+        let frames = direction.is_some() || (wanted.is_none() && self.scene.cameras.is_empty());
+        let seen = if self.is_moment && frames { self.beginning(py)? } else { self.scene.clone() };
+        let mut camera = select(&seen, wanted.as_deref(), direction, aspect)?;
         let f_number: Option<f64> = take_as(keywords, "aperture")?;
         let distance: Option<f64> = take_as(keywords, "focus")?;
         let blades: Option<u32> = take_as(keywords, "iris_blades")?;
@@ -200,35 +225,55 @@ impl Scene {
                 let iris = Iris { f_number, blades: blades.unwrap_or(0) };
                 let focus = distance.map_or(Focus::Auto, Focus::Distance);
                 let refused = |problem| error(&format!("aperture: {problem}"));
-                self.scene.open_iris(&mut camera, iris, focus).map_err(refused)?;
+                seen.open_iris(&mut camera, iris, focus).map_err(refused)?;
             }
             None if distance.is_some() || blades.is_some() => return Err(error("focus and iris_blades need aperture")),
             None => {}
         }
-        Ok(camera)
+        // All moments have the camera at one position in the file's space; each has a normalised space of its own.
+        Ok(if self.is_moment && frames {
+            camera.renormalised(&seen.normalisation, &self.scene.normalisation)
+        } else {
+            camera
+        })
     }
 
-    fn select(&self, wanted: Option<&str>, direction: Option<[f32; 2]>, aspect: f32) -> PyResult<Camera> {
-        let cameras = &self.scene.cameras;
-        match (wanted, direction) {
-            (Some(_), Some(_)) => Err(error("camera and direction cannot be combined: each of them selects the view")),
-            (None, Some([azimuth, elevation])) => match azimuth.is_finite() && elevation.abs() <= 90.0 {
-                true => Ok(self.scene.frame(&Framing { azimuth, elevation, aspect, ..Framing::default() })),
-                false => Err(error("direction must be azimuth and elevation in degrees, the elevation from -90 to 90")),
-            },
-            (None, None) => {
-                let frame = || self.scene.frame(&Framing { aspect, ..Framing::default() });
-                Ok(cameras.first().cloned().unwrap_or_else(frame))
-            }
-            (Some(wanted), None) => {
-                let by_name = cameras.iter().find(|camera| camera.name == wanted);
-                let camera = by_name.or_else(|| cameras.get(wanted.parse::<usize>().ok()?));
-                camera.cloned().ok_or_else(|| {
-                    let names = self.cameras();
-                    let names = if names.is_empty() { "none".into() } else { names.join(", ") };
-                    error(&format!("no camera is called '{wanted}' or has that index; available: {names}"))
-                })
-            }
+    /// The scene at the beginning of the animation.
+    fn beginning(&self, py: Python<'_>) -> PyResult<Arc<penumbra::Scene>> {
+        let read = || -> penumbra::Result<Arc<penumbra::Scene>> {
+            let mut beginning = lock(&self.beginning);
+            let scene = match &*beginning {
+                Some(scene) => scene.clone(),
+                None if self.file.options.time == Some(0.0) => self.scene.clone(),
+                None => self.file.at(0.0).read()?,
+            };
+            Ok(beginning.insert(scene).clone())
+        };
+        detached(py, read)?.map_err(of_library)
+    }
+}
+
+/// The camera of the scene that the keywords `camera` and `direction` select, without a lens.
+fn select(scene: &penumbra::Scene, wanted: Option<&str>, direction: Option<[f32; 2]>, aspect: f32) -> PyResult<Camera> {
+    let cameras = &scene.cameras;
+    match (wanted, direction) {
+        (Some(_), Some(_)) => Err(error("camera and direction cannot be combined: each of them selects the view")),
+        (None, Some([azimuth, elevation])) => match azimuth.is_finite() && elevation.abs() <= 90.0 {
+            true => Ok(scene.frame(&Framing { azimuth, elevation, aspect, ..Framing::default() })),
+            false => Err(error("direction must be azimuth and elevation in degrees, the elevation from -90 to 90")),
+        },
+        (None, None) => {
+            let frame = || scene.frame(&Framing { aspect, ..Framing::default() });
+            Ok(cameras.first().cloned().unwrap_or_else(frame))
+        }
+        (Some(wanted), None) => {
+            let by_name = cameras.iter().find(|camera| camera.name == wanted);
+            let camera = by_name.or_else(|| cameras.get(wanted.parse::<usize>().ok()?));
+            camera.cloned().ok_or_else(|| {
+                let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
+                let names = if names.is_empty() { "none".into() } else { names.join(", ") };
+                error(&format!("no camera is called '{wanted}' or has that index; available: {names}"))
+            })
         }
     }
 }

@@ -120,6 +120,18 @@ def test_a_file_that_changes_is_read_again(workers, scenes, device, tmp_path):
         assert penumbra.read(output).image.tobytes() == penumbra.merge([alone]).image.tobytes(), name
 
 
+def test_frames_have_one_camera(workers, scenes, device, tmp_path):
+    """The file has no camera, so each worker must frame the same moment."""
+    face = scenes.parent / "tests/scene/poses/face.gltf"
+    settings = {"width": 24, "height": 16, "max_bounces": 0, "device": device, "spp": 1}
+    output = tmp_path / "{frame}.exr"
+    penumbra.ray.render(face, output, frames=range(1, 4), fps=2, scene={"default_light": True}, **settings)
+    scene = penumbra.Scene.load(face, default_light=True)
+    for frame in range(1, 4):
+        written = penumbra.read(tmp_path / f"{frame:04}.exr").image.tobytes()
+        assert written == scene.at(frame / 2).render(**settings).image.tobytes(), frame
+
+
 def turning(glb: bytes) -> bytes:
     """The scene with an animation that turns its camera's node for a second."""
     import json

@@ -87,6 +87,24 @@ def test_bits_are_those_of_the_program(scenes, device, tmp_path):
     assert result.aovs["albedo"].tobytes() == expected.aovs["albedo"].tobytes()
 
 
+@pytest.mark.skipif(PROGRAM is None, reason="PENUMBRA_PROGRAM does not name the program")
+def test_moments_have_the_camera_of_a_sequence(scenes, device, tmp_path):
+    """The file has no camera, so its frames have the one that frames the beginning, with its lens."""
+    face = scenes.parent / "tests/scene/poses/face.gltf"
+    options = "--default-light --width 24 --height 16 --spp 1 --max-bounces 0 --aperture 2 --focus 9 --from 20,10"
+    output = tmp_path / "{frame}.exr"
+    command = [PROGRAM, "render", face, "-o", output, "--frames", "2..3", "--fps", "2", "--device", device]
+    subprocess.run([*command, *options.split()], check=True)
+    settings = {"width": 24, "height": 16, "spp": 1, "max_bounces": 0, "device": device}
+    settings |= {"aperture": 2.0, "focus": 9.0, "direction": (20, 10)}
+    later = penumbra.Scene.load(face, at=1.5, default_light=True)
+    for frame, moment in [(2, later.at(1.0)), (3, later.at(1.5))]:
+        expected = penumbra.read(tmp_path / f"{frame:04}.exr").image
+        assert moment.render(**settings).image.tobytes() == expected.tobytes(), frame
+    # A scene that is loaded at a moment is framed at that moment.
+    assert not numpy.array_equal(later.render(**settings).image, expected)
+
+
 def test_a_crop_is_a_part_of_the_image(box, device):
     settings = QUICK | {"spp": 1}
     whole = box.render(**settings, technique="path", device=device)

@@ -39,23 +39,44 @@ fn frames_are_the_images_of_their_times() {
     sequence("--frames 2..4 --fps 2", &name);
     let files: Vec<PathBuf> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert_eq!(files.len(), 3, "{files:?}");
-    // The file has no camera: the first frame's view stays, as with a file whose only moment is that one.
-    let single = folder.path().join("single.exr");
-    sequence("--at 1", &single);
-    assert_eq!(bits(&frame(2)), bits(&single));
     assert_ne!(bits(&frame(2)), bits(&frame(3)));
     // Another seed for each frame.
     let seeded = folder.path().join("seeded.{frame}.exr");
+    let single = folder.path().join("single.{frame}.exr");
+    let third = |name: &str| folder.path().join(format!("{name}.0003.exr"));
     sequence("--frames 3..3 --fps 2 --seed 7 --seed-per-frame", &seeded);
-    sequence("--at 1.5 --seed 10", &single);
-    assert_eq!(bits(&folder.path().join("seeded.0003.exr")), bits(&single));
-    sequence("--at 1.5 --seed 7", &single);
-    assert_ne!(bits(&folder.path().join("seeded.0003.exr")), bits(&single));
+    sequence("--frames 3..3 --fps 2 --seed 10", &single);
+    assert_eq!(bits(&third("seeded")), bits(&third("single")));
+    sequence("--frames 3..3 --fps 2 --seed 7", &single);
+    assert_ne!(bits(&third("seeded")), bits(&third("single")));
     // Another animation, and one that repeats: 4.5 s are its 0.5 s, of an end at 2 s.
     let (a, b) = (folder.path().join("a.exr"), folder.path().join("b.exr"));
     sequence("--at 4.5 --animation left --loop", &a);
     sequence("--at 0.5 --animation 1", &b);
     assert_eq!(bits(&a), bits(&b));
+}
+
+/// The file has no camera. All frames have the one that frames the beginning of the animation, whichever frames a
+/// process renders: a farm gives each process some of them. At a single moment the camera frames that moment.
+#[test]
+fn frames_have_one_camera_whichever_are_rendered() {
+    let folder = folder();
+    let file = |name: &str, number: u32| folder.path().join(format!("{name}.{number:04}.exr"));
+    let rendered = |name: &str, frames: &str| {
+        sequence(&format!("--frames {frames} --fps 2"), &folder.path().join(format!("{name}.{{frame}}.exr")));
+    };
+    rendered("whole", "0..3");
+    rendered("part", "2..3");
+    for frame in 2..4 {
+        assert_eq!(bits(&file("part", frame)), bits(&file("whole", frame)), "frame {frame}");
+    }
+    let moment = |time: &str| {
+        let single = folder.path().join("single.exr");
+        sequence(&format!("--at {time}"), &single);
+        bits(&single)
+    };
+    assert_eq!(bits(&file("whole", 0)), moment("0"));
+    assert_ne!(bits(&file("whole", 3)), moment("1.5"));
 }
 
 /// The views of a turntable are files of their own, each of another side, and complete ones are skipped.

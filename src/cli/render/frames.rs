@@ -1,5 +1,6 @@
 //! Sequences: a render for each frame that is not complete yet.
 
+use std::cell::OnceCell;
 use std::time::Instant;
 
 use kernel_kit::Gpu;
@@ -13,15 +14,16 @@ use crate::cli::options::LoadedPanorama;
 use crate::cli::say;
 use crate::cli::sequence::Frame;
 
-/// What the frames of a sequence have in common with the first.
+/// What the frames of a sequence have in common.
 struct Sequence<'a> {
     arguments: &'a Arguments,
     panorama: Option<&'a LoadedPanorama>,
     /// All frames have the size of the first.
     settings: Settings,
-    /// If the camera frames the scene: the camera of the first frame, and the space that it is in. All frames use it,
-    /// because one that frames each frame anew would move with the scene.
-    framing: Option<(Camera, Normalisation)>,
+    /// The camera at the beginning of the animation, and the space that it is in, once a frame has needed it. If the
+    /// camera frames the scene, all frames have this one: a camera that frames each frame anew would move with the
+    /// scene, and one that frames the first frame would differ between processes that render a part of the frames each.
+    beginning: OnceCell<(Camera, Normalisation)>,
     /// The cameras of a turntable, and its scene, which stands still.
     views: Vec<Camera>,
     standing: Option<Scene>,
@@ -29,14 +31,13 @@ struct Sequence<'a> {
 
 impl<'a> Sequence<'a> {
     fn new(arguments: &'a Arguments, first: &Subject, panorama: Option<&'a LoadedPanorama>) -> Result<Sequence<'a>> {
-        let Subject { scene, camera, settings } = first;
-        let is_framed = arguments.scene.frames(scene);
+        let Subject { scene, settings, .. } = first;
         let views = turntable(arguments, scene)?.unwrap_or_default();
         Ok(Sequence {
             arguments,
             panorama,
             settings: settings.clone(),
-            framing: is_framed.then(|| (camera.clone(), scene.normalisation)),
+            beginning: OnceCell::new(),
             standing: (!views.is_empty()).then(|| scene.clone()),
             views,
         })
@@ -52,14 +53,36 @@ impl<'a> Sequence<'a> {
         if let Some(panorama) = self.panorama.filter(|_| self.standing.is_none()) {
             arguments.scene.set_panorama(&mut scene, panorama)?;
         }
-        let camera = match (self.views.get(frame.number as usize), &self.framing) {
-            (Some(camera), _) => camera.clone(),
-            (None, Some((camera, space))) if arguments.scene.frames(&scene) => {
-                camera.renormalised(space, &scene.normalisation)
-            }
-            (None, _) => arguments.scene.camera(&scene, arguments.settings.aspect())?,
-        };
+        let camera = self.camera(frame, &scene)?;
         Ok(Subject { scene, camera, settings: self.settings.clone() })
+    }
+
+    /// The camera of a frame, which shows this scene.
+    fn camera(&self, frame: Frame, scene: &Scene) -> Result<Camera> {
+        let options = &self.arguments.scene;
+        if let Some(view) = self.views.get(frame.number as usize) {
+            return Ok(view.clone());
+        }
+        let camera_of = |scene: &Scene| options.camera(scene, self.arguments.settings.aspect());
+        if !options.frames(scene) {
+            return camera_of(scene);
+        }
+        let (camera, space) = match self.beginning.get() {
+            Some(beginning) => beginning,
+            None => {
+                let loaded;
+                let beginning = match frame.number {
+                    0 => scene,
+                    _ => {
+                        loaded = options.load_at(Some(0.0))?;
+                        &loaded
+                    }
+                };
+                let camera = camera_of(beginning)?;
+                self.beginning.get_or_init(|| (camera, beginning.normalisation))
+            }
+        };
+        Ok(camera.renormalised(space, &scene.normalisation))
     }
 
     /// Says which frame is rendered.
@@ -90,7 +113,10 @@ impl Session<'_> {
                 break;
             }
             let mut subject = match first.take() {
-                Some(first) => first,
+                Some(mut first) => {
+                    first.camera = sequence.camera(frame, &first.scene)?;
+                    first
+                }
                 None => {
                     (self.times.started, self.times.start) = (Instant::now(), 0.0);
                     let subject = sequence.load(frame)?;
