@@ -290,10 +290,10 @@ _last: tuple[object, penumbra.Scene] | None = None
 def _load(source: _Seen | _Sent, load: dict[str, Any], seconds: float | None) -> penumbra.Scene:
     """The scene, or its moment of a sequence."""
     global _last
+    call = None
     if isinstance(source, _Sent):
         # The name of its folder follows from the content of the files.
         path, environment = _unpack(source)
-        call = None
         load = {**load, "environment": environment}
     else:
         path, call = source.path, source.call

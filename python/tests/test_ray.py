@@ -132,6 +132,12 @@ def test_frames_have_one_camera(workers, scenes, device, tmp_path):
         assert written == scene.at(frame / 2).render(**settings).image.tobytes(), frame
 
 
+def test_a_png_has_its_alpha_channel(workers, scenes, device, tmp_path):
+    settings = {"width": 24, "height": 16, "max_bounces": 0, "device": device, "spp": 2, "background": "transparent"}
+    penumbra.ray.render(scenes / "sphere.glb", tmp_path / "whole.png", **settings)
+    assert (tmp_path / "whole.png").read_bytes() == penumbra.Scene.load(scenes / "sphere.glb").render(**settings).png()
+
+
 def turning(glb: bytes) -> bytes:
     """The scene with an animation that turns its camera's node for a second."""
     import json

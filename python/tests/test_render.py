@@ -122,6 +122,20 @@ def test_notebooks_show_a_png(box, device, tmp_path):
     assert result.png(exposure=1.0) != data
 
 
+def test_a_file_keeps_what_is_transparent(box, device, tmp_path):
+    """Files, of pieces too, have the PNG of the image that they were made of."""
+    settings = {"width": 24, "height": 16, "spp": 2, "max_bounces": 0, "background": "transparent", "device": device}
+    result = box.render(**settings)
+    assert result.png()[25] == 6, "colour type 6 is RGBA"
+    result.save(tmp_path / "whole.exr")
+    assert penumbra.read(tmp_path / "whole.exr").png() == result.png()
+    box.render(**settings, samples=(0, 2)).save(tmp_path / "piece.exr")
+    merged = penumbra.merge([tmp_path / "piece.exr"])
+    merged.save(tmp_path / "merged.exr")
+    assert penumbra.read(tmp_path / "merged.exr").png() == merged.png()
+    assert merged.png()[25] == 6
+
+
 def test_a_denoised_image_is_beside_the_raw_one(box, device):
     raw = box.render(**QUICK, device=device)
     result = box.render(**QUICK, denoise="statistical", device=device)

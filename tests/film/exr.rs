@@ -72,6 +72,27 @@ fn images_are_read_back_bit_for_bit() {
     assert!(back.channels.is_sorted_by(|a, b| a.name < b.name));
 }
 
+/// An image that is read back has the PNG of the image that was written, with or without an alpha channel.
+#[test]
+fn images_are_as_transparent_as_before() {
+    let mut image = Image::new(3, 2);
+    for (name, value) in [("R", 0.25), ("G", 0.125), ("B", 0.5), ("A", 0.5)] {
+        image.add_channel(name, vec![value; 6]);
+    }
+    let png = |image: &Image| image.to_png(View::default(), 0.0).unwrap();
+    for transparent in [true, false] {
+        image.transparent = transparent;
+        let back = read(&written(&image)).unwrap();
+        assert_eq!(back.transparent, transparent);
+        assert_eq!(back.metadata, image.metadata);
+        assert_eq!(png(&back), png(&image));
+    }
+    // Without an alpha channel nothing is transparent, whatever the file says.
+    image.transparent = true;
+    image.channels.retain(|channel| channel.name != "A");
+    assert!(!read(&written(&image)).unwrap().transparent);
+}
+
 /// The header matches "OpenEXR File Layout" byte by byte, because other programs rely on it.
 #[test]
 fn the_header_follows_the_specification() {

@@ -32,6 +32,9 @@ const REC709: Chromaticities = Chromaticities {
 /// Attributes with a type of [`Metadata`] that describe the file, not the image.
 const TECHNICAL: [&str; 5] = ["name", "chunkCount", "pixelAspectRatio", "screenWindowWidth", "dwaCompressionLevel"];
 
+/// Attribute of an image whose PNG has an alpha channel.
+const TRANSPARENT: &str = "penumbra:transparent";
+
 impl Image {
     /// Writes all channels and metadata to a single-part scan-line EXR of f32 samples. The compression is lossless (ZIP
     /// of 16 lines), channels are sorted by name, chromaticities are those of Rec.709.
@@ -82,6 +85,9 @@ impl Image {
                     attributes.other.insert(text(name)?, value);
                 }
             }
+        }
+        if self.transparent {
+            attributes.other.insert(text(TRANSPARENT)?, AttributeValue::I32(1));
         }
 
         let size = Vec2(self.width as usize, self.height as usize);
@@ -234,6 +240,9 @@ pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Image> {
         image.channels.push(Channel { name, samples });
     }
     image.metadata = metadata(&header);
+    // Another program may have dropped the alpha channel, and kept the attribute.
+    let is_transparent = image.metadata.remove(TRANSPARENT) == Some(Metadata::Int(1));
+    image.transparent = is_transparent && image.channel("A").is_some();
     Ok(image)
 }
 
