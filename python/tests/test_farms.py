@@ -21,6 +21,17 @@ def expected(scenes, device, folder, spp):
     return penumbra.merge([folder / "one.exr"]).image.tobytes()
 
 
+def shown(scenes, device, folder, spp):
+    """The .png that the same pieces, uncut, are merged to."""
+    flags = [*FLAGS, "--device", device, "--denoise", "auto", "--quiet"]
+    piece, picture = folder / "one.exr", folder / "one.png"
+    cut = ["--spp", str(spp), "--samples", f"0..{spp}"]
+    subprocess.run([PROGRAM, "render", scenes / "box.glb", "-o", piece, *cut, *flags], check=True)
+    display = ["--view", "agx", "--exposure=-1", "--device", device, "--quiet"]
+    subprocess.run([PROGRAM, "merge", piece, "-o", picture, *display], check=True)
+    return picture.read_bytes()
+
+
 # Runs the tasks of an array one after the other, and what depends on them at once, if none has failed.
 SBATCH = r"""#!/usr/bin/env bash
 echo "$*" >>"$LOG"
@@ -97,6 +108,21 @@ def test_a_slurm_array_cuts_tiles(scenes, device, tmp_path):
     assert len(calls) == 2 and "--array=0-11" in calls[0]
 
 
+def test_a_slurm_array_makes_a_picture(scenes, device, tmp_path):
+    """The picture is denoised and shown as `penumbra render` would, though it is `penumbra merge` that writes it."""
+    environment = slurm(tmp_path)
+    output = tmp_path / "a picture.png"
+    script = scenes.parent / "scripts/farm/slurm"
+    command = [script, "--ranges", "2", "--spp", "4", scenes / "box.glb", output, *FLAGS, "--device", device]
+    subprocess.run([*command, "--view", "agx", "--exposure=-1"], check=True, env=environment)
+    assert output.read_bytes() == shown(scenes, device, tmp_path, 4)
+    merge = (tmp_path / "log").read_text().splitlines()[1]
+    assert f"--device={device}" in merge and "--denoise" not in merge
+    subprocess.run([*command, "--denoise", "none"], check=True, env=environment)
+    calls = (tmp_path / "log").read_text().splitlines()
+    assert "--denoise=none" in calls[3]
+
+
 # Compiles a job as the manager does, and prints its tasks.
 MANAGER = """
 const fs = require("fs");
@@ -150,6 +176,14 @@ def test_a_flamenco_job_renders_and_merges(scenes, device, tmp_path):
     assert len(tasks) == 7 and tasks[1]["name"] == "samples 0..1 of 10,0,11,24"
     run(tasks)
     assert penumbra.read(output).image.tobytes() == expected(scenes, device, tmp_path, 3)
+    # A picture is denoised and shown as `penumbra render` would, though it is `penumbra merge` that writes it.
+    picture = tmp_path / "picture.png"
+    tasks = json.loads(compile(output=str(picture), spp=4, ranges=2, flags=f"{flags} --view agx --exposure=-1").stdout)
+    run(tasks)
+    assert picture.read_bytes() == shown(scenes, device, tmp_path, 4)
+    tasks = json.loads(compile(output=str(picture), spp=4, ranges=2, flags=f"{flags} --denoise none").stdout)
+    arguments = [task["commands"][0]["parameters"]["args"] for task in tasks]
+    assert all("auto" not in of_task for of_task in arguments) and "--denoise=none" in arguments[2]
 
     frames = json.loads(compile(output="f.{frame}.png", frames="0-7,9", fps=12).stdout)
     arguments = [task["commands"][0]["parameters"]["args"] for task in frames]

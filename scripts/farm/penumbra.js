@@ -28,6 +28,9 @@ const JOB_TYPE = {
     ],
 };
 
+// Flags of `penumbra render` that decide how an image is shown and denoised, which `penumbra merge` has too.
+const MERGING = ["--view", "--exposure", "--denoise", "--oidn", "--device"];
+
 function compileJob(job) {
     const settings = job.settings;
     const pieces = settings.ranges * settings.columns * settings.rows;
@@ -88,20 +91,25 @@ function renderFrames(job, settings) {
 
 function renderPieces(job, settings) {
     const crops = tiles(settings);
+    // A .png is denoised by default, for which the pieces must keep what denoisers need.
+    const isDenoised = /\.png$/i.test(settings.output) && given(settings, "--denoise") === undefined;
+    const guides = isDenoised ? ["--denoise", "auto"] : [];
     const files = [];
     const tasks = [];
     for (let samples of spans(settings.spp, settings.ranges)) {
         for (let crop of crops) {
             const file = settings.output + "." + files.length + ".exr";
             const range = samples[0] + ".." + samples[1];
-            const cut = ["--samples", range].concat(crop ? ["--crop", crop] : []);
+            const cut = ["--samples", range].concat(crop ? ["--crop", crop] : [], guides);
             const name = "samples " + range + (crop ? " of " + crop : "");
             files.push(file);
             tasks.push(add(job, name, [render(settings, file, cut)]));
         }
     }
     const merge = author.Task("merge", "misc");
-    merge.addCommand(call(settings, ["merge"].concat(files, ["-o", settings.output])));
+    const flags = MERGING.filter((name) => given(settings, name) !== undefined);
+    const words = flags.map((name) => name + "=" + given(settings, name));
+    merge.addCommand(call(settings, ["merge"].concat(files, ["-o", settings.output], words)));
     tasks.forEach((task) => merge.addDependency(task));
     job.addTask(merge);
 }
@@ -114,8 +122,8 @@ function tiles(settings) {
     if (settings.columns * settings.rows === 1) {
         return [null];
     }
-    const width = size(settings, "--width");
-    const height = size(settings, "--height");
+    const width = Number(given(settings, "--width"));
+    const height = Number(given(settings, "--height"));
     if (!(settings.columns <= width && settings.rows <= height)) {
         throw "tiles need --width and --height among the flags, and at least one pixel each";
     }
@@ -128,18 +136,17 @@ function tiles(settings) {
     return crops;
 }
 
-// The number that a flag has, in one word or in two; NaN if it is not there.
-function size(settings, name) {
+// The value that a flag has, in one word or in two; undefined if it is not there.
+function given(settings, name) {
     const flags = further(settings);
     for (let i = 0; i < flags.length; i++) {
         if (flags[i] === name) {
-            return Number(flags[i + 1]);
+            return flags[i + 1];
         }
         if (flags[i].startsWith(name + "=")) {
-            return Number(flags[i].slice(name.length + 1));
+            return flags[i].slice(name.length + 1);
         }
     }
-    return NaN;
 }
 
 // A length in equal parts: where each begins and ends.
