@@ -14,13 +14,11 @@ Ray is an optional dependency: `pip install './python[ray]'`.
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import os
 import pathlib
 import shutil
 import tempfile
-import urllib.parse
 import uuid
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -68,7 +66,7 @@ class _Seen:
 
 @dataclass(frozen=True)
 class _Sent:
-    """A scene that goes to the workers: its files by their names beside each other, of which one is the scene."""
+    """A scene that goes to the workers: its files by their names in one folder, of which one is the scene."""
 
     files: dict[str, bytes]
     scene: str
@@ -116,7 +114,8 @@ def render(
     if not ray.is_initialized():
         ray.init()
     load = dict(scene or {})
-    source = ray.put(_pack(pathlib.Path(path), load) if send else _Seen(os.fspath(path), uuid.uuid4().hex))
+    seen = _Seen(os.fspath(path), uuid.uuid4().hex)
+    source = ray.put(_pack(pathlib.Path(path), load, frames is not None) if send else seen)
     task = _render_piece.options(max_retries=retries, **(options or {}))
 
     def submit(number: int | None, piece: Piece) -> ray.ObjectRef[Any]:
@@ -237,24 +236,22 @@ def _edges(length: int, parts: int) -> list[tuple[int, int]]:
     return list(zip(edges, edges[1:]))
 
 
-def _pack(path: pathlib.Path, load: dict[str, Any]) -> _Sent:
+def _pack(path: pathlib.Path, load: dict[str, Any], is_sequence: bool) -> _Sent:
     """The files of a scene, for workers that do not see them. Takes the environment out of `load`."""
+    named = penumbra.Scene.load(path, **{**load, "at": 0.0} if is_sequence else load).files
+    environment = load.pop("environment", None)
     try:
-        files = {path.name: path.read_bytes()}
-        if path.suffix.lower() == ".gltf":
-            document = json.loads(files[path.name])
-            named = [item.get("uri") for kind in ("buffers", "images") for item in document.get(kind, [])]
-            for uri in named:
-                if uri is not None and not uri.startswith("data:"):
-                    files[uri] = (path.parent / urllib.parse.unquote(uri)).read_bytes()
-        environment = load.pop("environment", None)
+        scene = f"scene/{path.name}"
+        files = {scene: path.read_bytes()}
+        for file in named:
+            files[f"scene/{file.relative_to(path.parent).as_posix()}"] = file.read_bytes()
         if environment is None:
-            return _Sent(files, path.name, None)
+            return _Sent(files, scene, None)
         environment = pathlib.Path(environment)
         name = f"environment/{environment.name}"
         files[name] = environment.read_bytes()
-        return _Sent(files, path.name, name)
-    except (OSError, ValueError) as problem:
+        return _Sent(files, scene, name)
+    except OSError as problem:
         raise penumbra.Error(f"{path}: cannot be sent: {problem}") from problem
 
 
@@ -274,7 +271,7 @@ def _unpack(sent: _Sent) -> tuple[str, str | None]:
     folder = pathlib.Path(_folder.name).resolve() / digest.hexdigest()
     if not folder.exists():
         for name, data in sent.files.items():
-            target = (folder / urllib.parse.unquote(name)).resolve()
+            target = (folder / name).resolve()
             if not target.is_relative_to(folder):
                 raise penumbra.Error(f"{name} is outside the folder of the scene, so it cannot be sent")
             target.parent.mkdir(parents=True, exist_ok=True)

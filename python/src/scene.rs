@@ -202,6 +202,13 @@ impl Scene {
         self.file.path.clone()
     }
 
+    /// The files that the scene's file names: buffers, images, functions of procedural objects. They lie below its
+    /// folder.
+    #[getter]
+    fn files(&self) -> Vec<PathBuf> {
+        self.scene.files.clone()
+    }
+
     fn __repr__(&self) -> String {
         let (triangles, lights) = (self.scene.triangles.len(), self.scene.lights.len());
         let noun = if lights == 1 { "light" } else { "lights" };

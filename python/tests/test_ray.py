@@ -138,6 +138,25 @@ def test_a_png_has_its_alpha_channel(workers, scenes, device, tmp_path):
     assert (tmp_path / "whole.png").read_bytes() == penumbra.Scene.load(scenes / "sphere.glb").render(**settings).png()
 
 
+def test_all_files_of_a_scene_are_sent(workers, scenes, device, tmp_path):
+    """Functions of procedural objects, which a .glb names, and a panorama; none of them is there later."""
+    import shutil
+
+    folder = tmp_path / "here"
+    shutil.copytree(scenes / "procedural", folder / "procedural")
+    for name in ["procedural.glb", "sky.exr"]:
+        shutil.copy(scenes / name, folder)
+    settings = {"width": 24, "height": 24, "max_bounces": 0, "spp": 1, "device": device}
+    load = {"environment": folder / "sky.exr", "environment_rotation": 90.0}
+    loaded = penumbra.Scene.load(folder / "procedural.glb", **load)
+    assert [file.name for file in loaded.files] == ["marble.wgsl", "menger.wgsl", "sphere.wgsl"]
+    expected = loaded.render(**settings).image.tobytes()
+    sent = penumbra.ray._pack(folder / "procedural.glb", dict(load), False)
+    shutil.rmtree(folder)
+    kept = {"environment_rotation": 90.0}
+    assert penumbra.ray._load(sent, kept, None).render(**settings).image.tobytes() == expected
+
+
 def turning(glb: bytes) -> bytes:
     """The scene with an animation that turns its camera's node for a second."""
     import json

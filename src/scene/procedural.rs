@@ -35,8 +35,12 @@ pub(super) fn read<'a>(
     let builder = Builder::default();
     let mut reader = Reader { resources, scene, notes, builder, own_materials, default_material: None };
     let mut placed: Vec<Placed> = Vec::new();
-    for (index, node) in nodes.iter().enumerate().filter(|(_, node)| node.visible) {
+    for (index, node) in nodes.iter().enumerate() {
         let Some(json) = node.json.extension(EXTENSION)? else { continue };
+        if !node.visible {
+            reader.note_files(&json);
+            continue;
+        }
         if placed.len() == MAX_OBJECTS {
             return Err(json.error(format!("the scene has more than {MAX_OBJECTS} procedural objects")));
         }
@@ -59,6 +63,16 @@ struct Reader<'r> {
 }
 
 impl Reader<'_> {
+    /// Reads the files of a hidden object, so that they are among those of the scene: another moment of its animation
+    /// may show it. Whether they are there and what they say matters only then.
+    fn note_files(&mut self, json: &Json) {
+        for holder in [Some(json.clone()), json.get("colour").ok().flatten()].into_iter().flatten() {
+            if let Ok(Some(source)) = holder.get("source") {
+                let _ = self.resources.resolve(&source);
+            }
+        }
+    }
+
     fn object<'a>(&mut self, index: usize, node: &Node<'a>, json: Json<'a>) -> Result<Placed<'a>> {
         let kind = json.require("kind")?;
         let role = match kind.string()? {

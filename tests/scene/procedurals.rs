@@ -234,3 +234,26 @@ fn files_beside_the_scene_are_read() {
     assert_eq!(scene.procedurals.iter().map(|object| object.function).collect::<Vec<_>>(), [0, 0]);
     assert_eq!(scene.notes, ["no camera in the file", "no light in the file: `default_light` adds one"]);
 }
+
+/// The functions of a hidden object are among the scene's files, because an animation may show it. They need not be
+/// there.
+#[test]
+fn files_of_hidden_objects_are_known() {
+    let path = temporary("gltf");
+    let [source, colour] = ["wgsl", "colour.wgsl"].map(|extension| path.with_extension(extension));
+    for file in [&source, &colour] {
+        std::fs::write(file, SPHERE).unwrap();
+    }
+    let name = |path: &std::path::Path| path.file_name().unwrap().to_str().unwrap().to_owned();
+    let hidden = |changes: Value| {
+        let extensions = json!({ "PENUMBRA_procedural": sphere(changes), "KHR_node_visibility": { "visible": false } });
+        json!({ "extensions": extensions })
+    };
+    let here = json!({ "source": name(&source), "colour": { "source": name(&colour), "function": "grey" } });
+    let nodes = [hidden(here), hidden(json!({ "source": "missing.wgsl" }))];
+    let file = json!({ "asset": { "version": "2.0" }, "nodes": nodes });
+    std::fs::write(&path, file.to_string()).unwrap();
+    let scene = Scene::load(&path, &ImportOptions::default()).unwrap();
+    assert!(scene.procedurals.is_empty());
+    assert_eq!(scene.files, [colour, source]);
+}
