@@ -469,7 +469,16 @@ fn rescue_measurements(text: &str) -> Result<String> {
 impl Arguments {
     /// Checks everything that can be checked before the scene is read.
     fn check(&self) -> Result<()> {
-        self.settings.check()?;
+        self.settings.check(Technique::default())?;
+        // `auto` takes the default technique where another would refuse the settings.
+        for technique in self.techniques.iter().filter_map(|entrant| entrant.technique) {
+            self.settings.check(technique).map_err(|error| match error {
+                Error::Setting { name, problem } => {
+                    Error::setting(name, format!("{problem}; --techniques selects those that are compared"))
+                }
+                other => other,
+            })?;
+        }
         if let Some(repeats) = self.repeats.filter(|repeats| *repeats < MIN_REPEATS) {
             return Err(Error::Usage(format!("--repeats is {repeats}; it must be {MIN_REPEATS} or more")));
         }

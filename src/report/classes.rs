@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::interval::Interval;
 use super::run::Subject;
-use crate::settings::{Aov, Settings, Technique};
+use crate::settings::{Aov, LightSampling, Settings, Technique};
 use crate::specialisation::features::Feature;
 use crate::statistics::NORMAL_QUANTILE;
 use crate::{Error, Image, Result};
@@ -179,6 +179,8 @@ fn one_sample(subject: &Subject<'_>, technique: Technique) -> Settings {
     subject.settings.clone().with(|s| {
         s.technique = technique;
         s.image.spp = 1;
+        // The class channels are those of all lights.
+        s.light_sampling.strategy = Some(LightSampling::All);
         s.indirect.max_bounces = 0;
         s.image.aovs = vec![Aov::Shadow];
     })

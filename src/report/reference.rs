@@ -284,6 +284,8 @@ impl Half {
         self.sessions += 1;
         subject.renderer(&subject.settings.clone().with(|s| {
             s.technique = Technique::PATH;
+            // Paths refuse some strategies, and the reference of a scene is the same with each.
+            s.light_sampling.strategy = None;
             s.image.seed = seed;
             s.image.spp = Settings::UNLIMITED_SPP;
             s.image.aovs = Vec::new();

@@ -101,15 +101,17 @@ impl Range {
         values
     }
 
-    /// Checks the settings with every value of the range.
+    /// Checks the settings with every value of the range, for the techniques of a [`Sweep`].
     ///
     /// # Errors
     /// As [`Settings::check`].
     pub fn check(&self, settings: &Settings) -> Result<()> {
         self.values().into_iter().try_for_each(|value| {
-            let mut settings = settings.clone();
-            self.swept.set(&mut settings, value);
-            settings.check()
+            [Technique::SHADOW_PHOTONS, Technique::TWO_PASS].into_iter().try_for_each(|technique| {
+                let mut settings = settings.clone().with(|s| s.technique = technique);
+                self.swept.set(&mut settings, value);
+                settings.check()
+            })
         })
     }
 }

@@ -198,6 +198,26 @@ fn entrants_without_their_library_are_refused() {
     without.assert_refused(2, &["--budgets are too short"]);
 }
 
+/// An entrant that refuses a setting is named before the scene is read, among the techniques of the default list too.
+#[test]
+fn entrants_that_refuse_a_setting_are_refused_before_anything_is_rendered() {
+    let folder = folder();
+    let folder = folder.path();
+    for (sampling, more, problem) in [
+        ("all", "", "a path samples one light"),
+        ("contribution", "", "a path does not weigh"),
+        ("zones", "--techniques two-pass", "two-pass has no visibility photons"),
+        ("power", "--techniques shadow-photons,visibility-cells", "visibility-cells uses all lights"),
+        ("zones", "--techniques shadow-photons --sweep nearest=10..20", "two-pass has no visibility photons"),
+    ] {
+        let scene = if more.contains("--sweep") { Path::new(BOX) } else { Path::new("no-scene.glb") };
+        let arguments = format!("report {SMALL} --light-sampling {sampling} {more} --cache");
+        let answer = run(&arguments, &[&folder.join("cache"), &"-o", &folder.join("none"), &scene]);
+        answer.assert_refused(2, &["--light-sampling", problem]);
+        assert!(!folder.join("none").exists(), "{sampling}");
+    }
+}
+
 #[test]
 fn references_that_cannot_be_used_are_refused_before_anything_is_rendered() {
     let folder = folder();

@@ -4,9 +4,11 @@ use std::fs;
 use std::sync::Arc;
 
 use penumbra::internal::render::film::Metadata;
+use penumbra::internal::report::classes::{Classes, Truth};
 use penumbra::internal::report::metrics;
 use penumbra::internal::report::reference::{Goal, Reference, cache_folder};
-use penumbra::{Image, Settings};
+use penumbra::settings::LightSampling;
+use penumbra::{Image, Settings, Technique};
 
 use crate::setup::{Box, folder, goal};
 
@@ -67,6 +69,32 @@ fn a_reference_that_runs_out_of_time_is_short() {
     let found = longer.standard_error().unwrap();
     let enough = make(1.1 * found, 1e-9);
     assert!(!enough.is_short() && enough.image == longer.image);
+}
+
+/// Any strategy for many lights can be measured: paths refuse some, and class channels those that sample lights, so
+/// the reference has none, and true visibility and classes have all lights.
+#[test]
+fn every_light_sampling_can_be_measured() {
+    let scene = Box::load();
+    let folder = folder();
+    let measured = |strategy: Option<LightSampling>| {
+        let settings = Settings::default().with(|s| {
+            (s.image.width, s.image.height) = (8, 8);
+            (s.light_sampling.strategy, s.light_sampling.sampled_lights) = (strategy, 1);
+        });
+        let subject = scene.subject(&settings);
+        let name = strategy.map_or("none", LightSampling::name);
+        let (references, truths) = (folder.path().join(name), folder.path().join(name.to_owned() + " truth"));
+        let goal = Goal { standard_error: 1e-9, seconds: 1e-9 };
+        let made = Reference::make(&subject, &references, goal, &|| false, &mut |_| {}).unwrap().unwrap();
+        let truth = Truth::make(&subject, &truths).unwrap().unwrap();
+        let classes = Classes::new(&subject, Technique::SHADOW_PHOTONS, &truth).unwrap().unwrap();
+        (made.image.channels, classes.map)
+    };
+    let usual = measured(None);
+    for strategy in LightSampling::ALL {
+        assert_eq!(measured(Some(strategy)), usual, "{strategy}");
+    }
 }
 
 /// A clamp is no part of the reference: it is biased, and reports without it find the same folder.

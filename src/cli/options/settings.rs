@@ -3,7 +3,7 @@
 use clap::Args;
 use penumbra::internal::gpu_scene::camera::CameraUniform;
 use penumbra::settings::{Background, Crop, LightSampling, SampleRange, Sampling};
-use penumbra::{Camera, Result, Settings};
+use penumbra::{Camera, Result, Settings, Technique};
 
 use super::values::{AovList, TechniqueChoice, background, crop, light_samplings, samplings, technique_or_auto};
 
@@ -171,12 +171,12 @@ impl SettingsOptions {
         image.width as f32 / image.height as f32
     }
 
-    /// Checks the settings before a file is opened.
+    /// Checks the settings for a technique before a file is opened.
     ///
     /// # Errors
     /// As [`Settings::check`].
-    pub fn check(&self) -> Result<()> {
-        self.settings_of_aspect(1.0).check()
+    pub fn check(&self, technique: Technique) -> Result<()> {
+        self.settings_of_aspect(1.0).with(|s| s.technique = technique).check()
     }
 
     /// The settings for an image through `camera`.
