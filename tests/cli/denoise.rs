@@ -138,21 +138,27 @@ static FAILED: AtomicBool = AtomicBool::new(false);
 #[no_mangle] pub extern "C" fn oidnReleaseFilter(_: usize) {}
 "#;
 
+/// [`FAILING_LIBRARY`], compiled with this `cfg`.
+fn failing_library(folder: &Path, cfg: &str) -> PathBuf {
+    let [source, library] = [format!("{cfg}.rs"), format!("{cfg}.so")].map(|name| folder.join(name));
+    fs::write(&source, FAILING_LIBRARY).unwrap();
+    let mut compiler = Command::new("rustc");
+    compiler.args(["--crate-type", "cdylib", "--cfg", cfg, "-o"]).arg(&library).arg(&source);
+    assert!(compiler.status().unwrap().success());
+    library
+}
+
 /// Where the denoised image's error decides on samples, a library that fails ends the render. The samples so far are
 /// written, and a checkpoint of them.
 #[test]
 fn a_library_that_fails_between_samples_loses_none() {
     let folder = folder();
-    let [source, raw, exr, state] = ["failing.rs", "raw.exr", "a.exr", "state"].map(|name| folder.path().join(name));
-    fs::write(&source, FAILING_LIBRARY).unwrap();
+    let [raw, exr, state] = ["raw.exr", "a.exr", "state"].map(|name| folder.path().join(name));
     // Without an estimate all pixels get 8 samples.
     render("--spp 8 --technique path", None, &[&raw]).assert_done();
     let raw = Image::read(&raw).unwrap();
     for (cfg, words) in [("filter", "out of patience"), ("no_filter", "it made no filter, and gave no reason")] {
-        let library = folder.path().join(format!("{cfg}.so"));
-        let mut compiler = Command::new("rustc");
-        compiler.args(["--crate-type", "cdylib", "--cfg", cfg, "-o"]).arg(&library).arg(&source);
-        assert!(compiler.status().unwrap().success());
+        let library = failing_library(folder.path(), cfg);
         let arguments = format!(
             "--spp 999 --technique path --noise 1e-9 --denoise oidn --oidn {} --checkpoint {}",
             library.display(),
@@ -168,6 +174,22 @@ fn a_library_that_fails_between_samples_loses_none() {
             fs::remove_file(file).unwrap();
         }
     }
+}
+
+/// A frame that could not be denoised is not complete: the same command renders it again.
+#[test]
+fn a_frame_that_is_not_denoised_is_rendered_again() {
+    let folder = folder();
+    let [name, frame] = ["{frame}.exr", "0000.exr"].map(|name| folder.path().join(name));
+    let sequence = |library: &Path| {
+        let arguments = format!("--spp 2 --turntable 1 --denoise oidn --oidn {}", library.display());
+        render(&arguments, None, &[&name])
+    };
+    let answer = sequence(&failing_library(folder.path(), "filter"));
+    assert!(answer.code == Some(3) && answer.stderr.contains("an incomplete frame is not written"), "{answer:?}");
+    assert!(!frame.exists());
+    sequence(&library()).assert_done();
+    assert!(Image::read(&frame).unwrap().channel("denoised.R").is_some());
 }
 
 /// Where the loader finds no library, a PNG shows what the statistical denoiser gives.

@@ -148,6 +148,8 @@ impl<'a> Session<'a> {
             Some(problem) => Err(problem),
             None => unless_lost(renderer.add_denoised(&mut image, self.denoiser))?,
         };
+        // Without its denoised image, a frame of a sequence is not complete: the same command renders it again.
+        self.stopped |= outcome.is_err();
         if self.denoiser.choice() != Denoise::None {
             statistics.time.denoise = start.elapsed().as_secs_f64();
         }
