@@ -143,13 +143,12 @@ fn interrupted(py: Python<'_>, stop: PyErr, result: Option<RenderResult>) -> PyR
 
 fn render(job: &Job, time: Option<Duration>, notes: &mut Vec<String>) -> Result<Done, Failure> {
     let started = Instant::now();
-    let failed = |error| Failure { error, salvage: None };
     // A piece keeps what the denoisers of the merged image need.
     let is_piece = job.settings.image.piece.is_some();
     let choice = if is_piece { Denoise::None } else { job.settings.image.denoise };
-    let denoiser = Denoiser::new(choice, job.oidn_library.as_deref()).map_err(failed)?;
-    let shared = open(&job.device).map_err(failed)?;
-    let mut device = Turn::take(&shared).map_err(failed)?;
+    let denoiser = Denoiser::new(choice, job.oidn_library.as_deref())?;
+    let shared = open(&job.device)?;
+    let mut device = Turn::take(&shared)?;
     let start = started.elapsed().as_secs_f64();
     let deadline = time.map(|time| started + time);
     let mut done = recovery::render(
@@ -163,8 +162,12 @@ fn render(job: &Job, time: Option<Duration>, notes: &mut Vec<String>) -> Result<
             let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
             if renderer.samples() > 0 && denoiser.choice() != Denoise::None {
                 let start = Instant::now();
-                renderer.add_denoised(&mut image, &denoiser)?;
+                let outcome = renderer.add_denoised(&mut image, &denoiser);
                 statistics.time.denoise = start.elapsed().as_secs_f64();
+                if let Err(error) = outcome {
+                    let salvage = Salvage { image, statistics, checkpoint: None };
+                    return Err(Failure { error, salvage: Some(Box::new(salvage)) });
+                }
             }
             Ok(Done { image, statistics, stopped })
         },

@@ -20,8 +20,15 @@ const MAX_LOSSES: u64 = 3;
 pub struct Failure {
     /// The reason.
     pub error: Error,
-    /// The state that was kept last; `None` before the first samples.
+    /// What the work had in hand, else the state that was kept last; `None` before the first samples.
     pub salvage: Option<Box<Salvage>>,
+}
+
+impl From<Error> for Failure {
+    /// With nothing in hand.
+    fn from(error: Error) -> Failure {
+        Failure { error, salvage: None }
+    }
 }
 
 /// The results of an incomplete render.
@@ -30,14 +37,17 @@ pub struct Salvage {
     pub image: Image,
     /// The statistics.
     pub statistics: Statistics,
-    /// A checkpoint from which it can continue.
-    pub checkpoint: Checkpoint,
+    /// A checkpoint from which it can continue, if one was requested or kept.
+    pub checkpoint: Option<Checkpoint>,
 }
 
 /// Runs `work` on `gpu`, with a renderer that `start` makes and that resumes `from`. If the device is lost, `open`
 /// opens another one, and `work` begins again with a renderer that resumes from the state kept last in memory. The
 /// image has the same bits, unless it is to end in time. Keeping the state takes at most a fiftieth of the time, and as
 /// much memory as a checkpoint, if so much is left.
+///
+/// Work that fails when its samples are in memory, such as while it denoises them, passes them on with its error. If
+/// the device is lost it begins again all the same, because another device may complete it.
 ///
 /// # Errors
 /// Those of `start` and `work`, and of `open` if there is no other device or the device is lost again and again; with
@@ -47,19 +57,22 @@ pub fn render<T>(
     open: impl Fn() -> Result<Gpu>,
     start: impl Fn(&Gpu) -> Result<Renderer<'_>>,
     from: Option<Checkpoint>,
-    mut work: impl FnMut(&mut Renderer<'_>) -> Result<T>,
+    mut work: impl FnMut(&mut Renderer<'_>) -> std::result::Result<T, Failure>,
 ) -> std::result::Result<T, Failure> {
-    let mut salvage: Option<Box<Salvage>> = None;
+    let (mut in_hand, mut salvage): (Option<Box<Salvage>>, Option<Box<Salvage>>) = (None, None);
     // Since the last state was kept.
     let mut losses = 0;
     loop {
-        let state = salvage.as_ref().map(|salvage| &salvage.checkpoint).or(from.as_ref());
+        let state = salvage.as_ref().and_then(|salvage| salvage.checkpoint.as_ref()).or(from.as_ref());
         let begun = begin(gpu, &start, state, losses);
         let (error, left) = match begun {
             Err(error) => (error, None),
             Ok(mut renderer) => match work(&mut renderer) {
                 Ok(done) => return Ok(done),
-                Err(error) => (error, renderer.salvage()),
+                Err(Failure { error, salvage }) => {
+                    in_hand = salvage.or(in_hand);
+                    (error, renderer.salvage())
+                }
             },
         };
         if left.is_some() {
@@ -67,7 +80,7 @@ pub fn render<T>(
         }
         *gpu = match another(&open, error, losses) {
             Ok(gpu) => gpu,
-            Err(error) => return Err(Failure { error, salvage }),
+            Err(error) => return Err(Failure { error, salvage: in_hand.or(salvage) }),
         };
         losses += 1;
     }
@@ -152,6 +165,7 @@ impl Renderer<'_> {
         self.totals = kept.header.totals.clone();
         let image = output::image(self, Some(&kept)).ok()?;
         let statistics = output::statistics(self, self.without_earlier_renders(self.gpu.known_pass_times()));
-        Some(Box::new(Salvage { image, statistics, checkpoint: kept.with_fingerprint(self.fingerprint()) }))
+        let checkpoint = Some(kept.with_fingerprint(self.fingerprint()));
+        Some(Box::new(Salvage { image, statistics, checkpoint }))
     }
 }

@@ -8,7 +8,7 @@ use std::time::Duration;
 use kernel_kit::{DeviceChoice, Gpu, Resources};
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::passes::new_kernel;
-use penumbra::internal::render::recovery::{self, Failure};
+use penumbra::internal::render::recovery::{self, Failure, Salvage};
 use penumbra::internal::scene::ImportOptions;
 use penumbra::internal::specialisation::features::Features;
 use penumbra::settings::Denoise;
@@ -147,7 +147,7 @@ fn a_device_may_be_lost_during_a_batch() {
                     while renderer.samples() < settings.image.spp {
                         renderer.render_batch()?;
                     }
-                    renderer.image()
+                    Ok(renderer.image()?)
                 })
             },
         );
@@ -175,13 +175,14 @@ fn a_render_that_cannot_recover_saves_its_samples() {
         assert_eq!(error.exit_code(), 4, "{error}");
         assert!(error.to_string().contains(word) && !error.to_string().contains('\n'), "{error}");
         let salvage = salvage.expect("the pilot's sample was kept");
-        let samples = salvage.checkpoint.samples();
+        let checkpoint = salvage.checkpoint.expect("it is of the state that was kept");
+        let samples = checkpoint.samples();
         assert!(samples >= 1 && salvage.statistics.samples == samples);
         assert_same(&undisturbed(&settings, samples).0, &salvage.image);
 
         let ((scene, camera), gpu) = (subject(), open().unwrap());
         let mut renderer = Renderer::new(&gpu, scene, &camera, &settings).unwrap();
-        renderer.resume_from(&salvage.checkpoint).unwrap();
+        renderer.resume_from(&checkpoint).unwrap();
         while renderer.samples() < 20 {
             renderer.render_batch().unwrap();
         }
@@ -190,6 +191,49 @@ fn a_render_that_cannot_recover_saves_its_samples() {
     // Before the first sample there is nothing to save.
     let at_once = |renderer: &Renderer<'_>| renderer.gpu().lose();
     assert!(disturbed(&settings, open, at_once).err().unwrap().salvage.is_none());
+}
+
+/// A device that is lost while it denoises is replaced. If there is no other, the samples in hand are saved, not those
+/// that were kept before.
+#[test]
+fn samples_in_hand_are_saved_if_denoising_fails() {
+    let settings = settings(Technique::SHADOW_PHOTONS).with(|s| s.image.denoise = Denoise::Statistical);
+    let (image, _) = undisturbed(&settings, 20);
+    let (scene, camera) = subject();
+    let render = |losses: u32, another: &dyn Fn() -> Result<Gpu>| {
+        let lost = Cell::new(0);
+        recovery::render(
+            &mut open().unwrap(),
+            another,
+            |gpu| Renderer::new(gpu, scene.clone(), &camera, &settings),
+            None,
+            |renderer| {
+                while renderer.samples() < 20 {
+                    renderer.render_batch()?;
+                }
+                let (mut image, statistics) = (renderer.image()?, renderer.statistics()?);
+                if lost.replace(lost.get() + 1) < losses {
+                    renderer.gpu().lose();
+                }
+                match renderer.add_denoised(&mut image, &denoiser(&settings)) {
+                    Ok(()) => Ok(image),
+                    Err(error) => {
+                        let salvage = Some(Box::new(Salvage { image, statistics, checkpoint: None }));
+                        Err(Failure { error, salvage })
+                    }
+                }
+            },
+        )
+    };
+    assert_same(&image, &render(1, &open).unwrap_or_else(|failure| panic!("{}", failure.error)));
+    let none = || Err(Error::NoDevice("they are all gone".to_owned()));
+    for outcome in [render(1, &none), render(u32::MAX, &open)] {
+        let Err(Failure { error, salvage }) = outcome else { panic!("it did not fail") };
+        assert_eq!(error.exit_code(), 4, "{error}");
+        let salvage = salvage.expect("the samples are in hand");
+        assert!(salvage.statistics.samples == 20 && salvage.checkpoint.is_none(), "it was kept before");
+        assert!(salvage.image.channel("G") == image.channel("G"));
+    }
 }
 
 /// Timed work starts again from the beginning after a lost device, and fails after the fourth loss.

@@ -114,21 +114,20 @@ impl<'a> Session<'a> {
                 })
             },
         );
-        rendered.map_err(|Failure { error, salvage }| {
-            // Errors of files occur before the first sample or after the image was written, so there is nothing to
-            // save.
-            if let Some(salvage) = salvage.filter(|_| !matches!(error, Error::Output { .. } | Error::Input { .. })) {
+        rendered.unwrap_or_else(|Failure { error, salvage }| {
+            if let Some(salvage) = salvage {
+                // Without its denoised image, a frame of a sequence is not complete: the same command renders it again.
                 self.stopped = true;
                 let Salvage { image, statistics, checkpoint } = *salvage;
                 // The error to report is the one that ended the render.
-                let _ = self.finish(image, statistics, Some(&checkpoint));
+                let _ = self.finish(image, statistics, checkpoint.as_ref());
             }
-            error
+            Err(error)
         })
     }
 
-    /// Renders until there are enough samples or a signal stops it, and writes the files.
-    fn render(&mut self, renderer: &mut Renderer<'_>) -> Result<Image> {
+    /// Renders until there are enough samples or a signal stops it, and writes the files: the inner result.
+    fn render(&mut self, renderer: &mut Renderer<'_>) -> std::result::Result<Result<Image>, Failure> {
         self.notes.say(renderer.notes());
         // Before this point there is nothing to save.
         self.interrupt.defer();
@@ -146,16 +145,15 @@ impl<'a> Session<'a> {
         let start = Instant::now();
         let outcome = match failed {
             Some(problem) => Err(problem),
-            None => unless_lost(renderer.add_denoised(&mut image, self.denoiser))?,
+            None => renderer.add_denoised(&mut image, self.denoiser),
         };
-        // Without its denoised image, a frame of a sequence is not complete: the same command renders it again.
-        self.stopped |= outcome.is_err();
         if self.denoiser.choice() != Denoise::None {
             statistics.time.denoise = start.elapsed().as_secs_f64();
         }
-        self.say_estimate(renderer, &statistics)?;
-        let image = self.finish(image, statistics, checkpoint.as_ref())?;
-        outcome.map(|()| image)
+        if let Err(error) = outcome.and(self.say_estimate(renderer, &statistics)) {
+            return Err(Failure { error, salvage: Some(Box::new(Salvage { image, statistics, checkpoint })) });
+        }
+        Ok(self.finish(image, statistics, checkpoint.as_ref()))
     }
 
     /// Says once what is rendered.
@@ -210,7 +208,7 @@ impl<'a> Session<'a> {
     }
 
     /// Says the estimated error of a render with `--noise`.
-    fn say_estimate(&self, renderer: &mut Renderer<'_>, statistics: &Statistics) -> Result<()> {
+    fn say_estimate(&self, renderer: &Renderer<'_>, statistics: &Statistics) -> Result<()> {
         let estimate = renderer.estimated_relmse()?;
         let Some(estimate) = estimate.filter(|_| self.arguments.noise.is_some() && !self.arguments.quiet) else {
             return Ok(());
@@ -259,11 +257,63 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Separates errors that lose the samples (the outer result) from those of a denoiser's library (the inner one), after
-/// which the raw image can still be written.
+/// Separates the loss of the device (the outer result) from errors of a denoiser (the inner one), after which the raw
+/// image can still be read.
 fn unless_lost<T>(outcome: Result<T>) -> Result<Result<T>> {
     match outcome {
-        Err(problem @ Error::Input { .. }) => Ok(Err(problem)),
-        outcome => Ok(Ok(outcome?)),
+        Err(lost @ Error::DeviceLost { .. }) => Err(lost),
+        outcome => Ok(outcome),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use clap::Parser;
+
+    use super::*;
+    use crate::cli::{Command, CommandLine};
+
+    fn arguments(output: &Path, more: &str) -> Arguments {
+        let device = std::env::var("PENUMBRA_DEVICE").unwrap_or("software".into());
+        let words = format!("penumbra render --device {device} --width 24 --height 16 --max-bounces 0 {more} -o");
+        let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/box.glb");
+        let line = CommandLine::parse_from(words.split(' ').chain([output.to_str().unwrap(), scene]));
+        let Command::Render(arguments) = line.command else { panic!("another command") };
+        *arguments
+    }
+
+    /// A render of 16 samples whose film keeps what this denoiser needs.
+    fn subject(arguments: &Arguments, denoise: Denoise) -> Subject {
+        let (scene, camera) = arguments.scene.load(1.0).unwrap();
+        let settings = arguments.settings.settings(&camera, &arguments.extent).unwrap();
+        let settings = settings.with(|s| (s.image.spp, s.image.denoise) = (16, denoise));
+        Subject { scene, camera, settings }
+    }
+
+    fn session<'a>(arguments: &'a Arguments, denoiser: &'a Denoiser) -> Session<'a> {
+        let times = Times { started: Instant::now(), import: 0.0, start: 0.0, sampling: None };
+        Session::new(arguments, denoiser, Interrupt::listen(), times, 16, None, Notes::new(true))
+    }
+
+    /// Whatever the error of a denoiser is, all samples are saved, as a raw image and as a checkpoint.
+    #[test]
+    fn an_image_that_cannot_be_denoised_is_saved() {
+        let folder = tempfile::tempdir().unwrap();
+        let [exr, state] = ["a.exr", "state"].map(|name| folder.path().join(name));
+        let arguments = arguments(&exr, &format!("--quiet --checkpoint {}", state.display()));
+        let denoiser = Denoiser::new(Denoise::Statistical, None).unwrap();
+        // The film keeps nothing for the denoiser, which refuses it.
+        let subject = subject(&arguments, Denoise::None);
+        let mut gpu = arguments.device.open().unwrap();
+        let refused = session(&arguments, &denoiser).render_subject(&mut gpu, &subject, None);
+        assert!(matches!(refused, Err(Error::Setting { name: "image.denoise", .. })));
+        assert_eq!(Checkpoint::read(&state).unwrap().samples(), 16);
+        let (saved, raw) = (Image::read(&exr).unwrap(), Denoiser::default());
+        assert!(saved.channel("denoised.R").is_none());
+        std::fs::remove_file(&state).unwrap();
+        let expected = session(&arguments, &raw).render_subject(&mut gpu, &subject, None).unwrap();
+        assert!(saved.rgb().unwrap() == expected.rgb().unwrap());
     }
 }
