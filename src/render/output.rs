@@ -1,6 +1,6 @@
 //! The image and the statistics of a render.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
 
 use glam::DVec4;
@@ -13,7 +13,7 @@ use super::pieces::{Piece, PieceSums};
 use super::renderer::Renderer;
 use super::tiles::{TileFilm, first_half};
 use crate::passes::film::{Plane, Sum};
-use crate::render::film::{Channel, Metadata, Window};
+use crate::render::film::{Channel, MAX_NAME_BYTES, Metadata, Window};
 use crate::settings::Background;
 use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
 use crate::{Image, Result};
@@ -221,27 +221,39 @@ impl<'a> Film<'a> {
 
     /// Class, visibility, n_i and n_s of each light.
     fn push_classes(&self, channels: &mut Vec<Channel>) -> Result<()> {
-        let renderer = self.renderer;
-        let mut used = std::collections::HashSet::new();
-        for (index, light) in renderer.scene.lights.iter().enumerate() {
+        let lights = &self.renderer.scene.lights;
+        for (index, layer) in layers_of_lights(lights.iter().map(|light| light.name.as_str())).iter().enumerate() {
             let sums = self.plane_sums(&|f| f.classes.get(index), &|pixel| self.samples_of(pixel))?;
             let Some(sums) = sums else { return Ok(()) };
             // Only the first sample wrote its class into the sum.
             let mean = |sum: &Sum| DVec4 { x: sum.total.x, ..sum.mean() };
             let all: Vec<DVec4> = sums.iter().map(mean).collect();
-            // A dot ends a layer's name, and two lights may share theirs.
-            let mut name = light.name.replace('.', "_");
-            if !used.insert(name.clone()) {
-                name = format!("{name}_{index}");
-                used.insert(name.clone());
-            }
             for (axis, suffix) in ["class", "visibility", "ni", "ns"].into_iter().enumerate() {
                 let samples = all.iter().map(|v| v[axis] as f32).collect();
-                channels.push(Channel { name: format!("shadow.{name}.{suffix}"), samples });
+                channels.push(Channel { name: format!("shadow.{layer}.{suffix}"), samples });
             }
         }
         Ok(())
     }
+}
+
+/// The layers of lights with these names: different ones, and short enough for the channels in them. Files may have
+/// many lights of one name, and names that are longer than those of channels.
+fn layers_of_lights<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
+    let max_bytes = MAX_NAME_BYTES - "shadow..visibility".len();
+    let mut used = HashSet::new();
+    let layer = |(index, name): (usize, &str)| {
+        // A dot ends a layer's name.
+        let name = name.replace('.', "_");
+        let with_end = |end: &str| format!("{}{end}", &name[..name.floor_char_boundary(max_bytes - end.len())]);
+        let (mut layer, mut number) = (with_end(""), index);
+        while !used.insert(layer.clone()) {
+            layer = with_end(&format!("_{number}"));
+            number += 1;
+        }
+        layer
+    };
+    names.enumerate().map(layer).collect()
 }
 
 fn add_metadata(renderer: &Renderer<'_>, image: &mut Image) {
@@ -322,5 +334,27 @@ pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>)
             .cloned()
             .chain(conditioning::warnings(totals, &renderer.settings).into_iter().map(|w| w.text))
             .collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::{MAX_NAME_BYTES, layers_of_lights};
+
+    #[test]
+    fn layers_of_lights_differ_and_are_short_enough() {
+        let layers = |names: &[&str]| layers_of_lights(names.iter().copied());
+        assert_eq!(layers(&["Lamp", "a.b", "Lamp"]), ["Lamp", "a_b", "Lamp_2"]);
+        assert_eq!(layers(&["Lamp_2", "Lamp", "Lamp", "Lamp"]), ["Lamp_2", "Lamp", "Lamp_3", "Lamp_4"]);
+        // Letters of two bytes: the last byte that has room begins one.
+        let long = "ä".repeat(300);
+        let found = layers(&[&long, &long, &long]);
+        assert_eq!(found.iter().collect::<HashSet<_>>().len(), 3, "{found:?}");
+        for layer in &found {
+            let length = format!("shadow.{layer}.visibility").len();
+            assert!(layer.starts_with("ää") && length == MAX_NAME_BYTES - 1, "{layer}");
+        }
     }
 }

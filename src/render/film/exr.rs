@@ -29,6 +29,9 @@ const REC709: Chromaticities = Chromaticities {
     white: Vec2(0.3127, 0.3290),
 };
 
+/// Length of the longest name of a channel or attribute: the limit of the format.
+pub(in crate::render) const MAX_NAME_BYTES: usize = 255;
+
 /// Attributes with a type of [`Metadata`] that describe the file, not the image.
 const TECHNICAL: [&str; 5] = ["name", "chunkCount", "pixelAspectRatio", "screenWindowWidth", "dwaCompressionLevel"];
 
@@ -260,8 +263,8 @@ fn window(display: &IntegerBounds, at: Vec2<i32>, size: Vec2<usize>) -> Option<W
 
 /// The name of a channel or attribute, as UTF-8.
 fn text(name: &str) -> std::result::Result<Text, String> {
-    // The limit of the format is 255 bytes, and a zero byte would end the name.
-    if name.is_empty() || name.len() > 255 || name.contains('\0') {
+    // A zero byte would end the name.
+    if name.is_empty() || name.len() > MAX_NAME_BYTES || name.contains('\0') {
         return Err(format!("a channel or attribute cannot be called {name:?}"));
     }
     Ok(value_text(name))

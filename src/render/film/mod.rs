@@ -16,7 +16,7 @@ mod png;
 mod tone_map;
 
 pub use atomic::{abandon_writes, check_target, write_atomically};
-pub(super) use exr::decode_metadata;
+pub(super) use exr::{MAX_NAME_BYTES, decode_metadata};
 pub use fingerprint::fingerprint;
 pub use formats::check_writable;
 pub(crate) use formats::read_file;
