@@ -209,10 +209,11 @@ impl<'a> Session<'a> {
 
     /// Says the estimated error of a render with `--noise`.
     fn say_estimate(&self, renderer: &Renderer<'_>, statistics: &Statistics) -> Result<()> {
-        let estimate = renderer.estimated_relmse()?;
-        let Some(estimate) = estimate.filter(|_| self.arguments.noise.is_some() && !self.arguments.quiet) else {
+        // The estimate reads the film from the device, which takes time that may be limited.
+        if self.arguments.noise.is_none() || self.arguments.quiet {
             return Ok(());
-        };
+        }
+        let Some(estimate) = renderer.estimated_relmse()? else { return Ok(()) };
         let rest =
             if statistics.indirect.photons > 0 { " without the error of the photon map of indirect light" } else { "" };
         say(format_args!("estimated relMSE {estimate:.2e} of the raw image{rest}"));
@@ -315,5 +316,24 @@ mod tests {
         std::fs::remove_file(&state).unwrap();
         let expected = session(&arguments, &raw).render_subject(&mut gpu, &subject, None).unwrap();
         assert!(saved.rgb().unwrap() == expected.rgb().unwrap());
+    }
+
+    /// The error is estimated only to be said: nothing else needs the device for it.
+    #[test]
+    fn an_estimate_that_is_not_said_is_not_made() {
+        let estimate = |more: &str| {
+            let arguments = arguments(Path::new("a.exr"), more);
+            let Subject { scene, camera, settings } = subject(&arguments, Denoise::Statistical);
+            let gpu = arguments.device.open().unwrap();
+            let mut renderer = Renderer::new(&gpu, scene, &camera, &settings).unwrap();
+            renderer.render_batch().unwrap();
+            renderer.render_batch().unwrap();
+            let statistics = renderer.statistics().unwrap();
+            gpu.lose();
+            session(&arguments, &Denoiser::default()).say_estimate(&renderer, &statistics)
+        };
+        assert!(estimate("--denoise statistical").is_ok());
+        assert!(estimate("--denoise statistical --noise 1e-3 --quiet").is_ok());
+        assert!(matches!(estimate("--denoise statistical --noise 1e-3"), Err(Error::DeviceLost { .. })));
     }
 }
