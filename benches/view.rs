@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use kernel_kit::Gpu;
 use penumbra::internal::render::film::View;
+use penumbra::internal::scene::load_and_list;
 use penumbra::internal::view::{
     Choices, Command, Eye, Overlay, Picture, Pose, Session, Shown, Source, State, Viewpoint,
 };
@@ -24,8 +25,8 @@ const SCENES: [&str; 4] = ["box", "sphere", "crowd", "still_life"];
 struct Files;
 
 impl Source for Files {
-    fn load(&self, file: &Path, pose: &Pose) -> Result<Scene> {
-        Scene::load(file, &ImportOptions { time: pose.time, ..ImportOptions::default() })
+    fn load(&self, file: &Path, pose: &Pose, files: &mut Vec<PathBuf>) -> Result<Scene> {
+        load_and_list(file, &ImportOptions { time: pose.time, ..ImportOptions::default() }, files)
     }
 
     fn camera(&self, scene: &Scene, eye: &Eye, _: f32) -> Result<Camera> {

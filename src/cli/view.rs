@@ -221,9 +221,9 @@ fn given_options(given: &ArgMatches, wanted: &dyn Fn(&str) -> bool) -> Vec<Strin
 }
 
 impl Source for Options {
-    fn load(&self, file: &Path, pose: &Pose) -> Result<Scene> {
+    fn load(&self, file: &Path, pose: &Pose, files: &mut Vec<PathBuf>) -> Result<Scene> {
         let options = self.scene.clone().of_file(file, pose);
-        let mut scene = options.load_at(pose.time)?;
+        let mut scene = options.load_and_list(pose.time, files)?;
         if let Some(panorama) = options.load_panorama()? {
             options.set_panorama(&mut scene, &panorama)?;
         }

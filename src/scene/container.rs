@@ -90,11 +90,12 @@ pub(super) fn chunks<'a>(bytes: &'a [u8], file: &Path) -> Result<(&'a [u8], Opti
 /// Resources that URIs refer to. Each file is read once, because a thousand buffers may refer to the same one.
 #[derive(Default)]
 pub(super) struct Resources {
-    files: HashMap<PathBuf, Arc<Vec<u8>>>,
+    /// `None` for a file that could not be read.
+    files: HashMap<PathBuf, Option<Arc<Vec<u8>>>>,
 }
 
 impl Resources {
-    /// The files that were read in addition to `file`, the scene, sorted.
+    /// The files that were to be read in addition to `file`, the scene, sorted.
     pub fn files(&self, file: &Path) -> Vec<PathBuf> {
         let folder = file.parent().unwrap_or(Path::new(""));
         let mut files: Vec<PathBuf> = self.files.keys().map(|path| folder.join(path)).collect();
@@ -109,14 +110,13 @@ impl Resources {
             return decode_data(data).map(|bytes| Bytes::Shared(Arc::new(bytes))).map_err(|problem| uri.error(problem));
         }
         let path = local_path(text).map_err(|problem| uri.error(problem))?;
-        if let Some(bytes) = self.files.get(&path) {
+        if let Some(Some(bytes)) = self.files.get(&path) {
             return Ok(Bytes::Shared(bytes.clone()));
         }
         let folder = uri.file().parent().unwrap_or(Path::new(""));
-        let bytes = read_file(&folder.join(&path)).map_err(|e| uri.error(format!("{}: {e}", path.display())))?;
-        let bytes = Arc::new(bytes);
-        self.files.insert(path, bytes.clone());
-        Ok(Bytes::Shared(bytes))
+        let read = read_file(&folder.join(&path)).map(Arc::new);
+        self.files.insert(path.clone(), read.as_ref().ok().cloned());
+        read.map(Bytes::Shared).map_err(|e| uri.error(format!("{}: {e}", path.display())))
     }
 }
 

@@ -48,7 +48,7 @@ pub struct Scene {
     pub variants: Vec<String>,
     /// Time of the last key of the animation that is or would be played, in seconds; `None` without animations.
     pub animation_end: Option<f64>,
-    /// The files that it refers to and was read from, besides its own.
+    /// The files that it refers to, besides its own: those that it was read from, and missing ones.
     pub files: Vec<std::path::PathBuf>,
 }
 

@@ -3,7 +3,7 @@
 //! Import works on the JSON document itself, not on a typed model of it. Node transforms keep their f64 digits, every
 //! error has a JSON pointer, and every number is checked where it is used.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DAffine3;
@@ -68,9 +68,7 @@ impl Scene {
     /// [`Error::Input`] if a file is missing, damaged, unsupported or out of range. Its location is a JSON pointer, or
     /// a byte offset in the .glb container. [`Error::Usage`] if the file lacks the animation of the options.
     pub fn load(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Scene> {
-        let path = path.as_ref();
-        let bytes = read_file(path).map_err(|e| Error::input(path, "file", e))?;
-        Scene::from_bytes(&bytes, path, options)
+        load_and_list(path.as_ref(), options, &mut Vec::new())
     }
 
     /// [`Scene::load`] for a file in memory. `path` names it in errors, and references are relative to the folder of
@@ -79,22 +77,25 @@ impl Scene {
     /// # Errors
     /// As [`Scene::load`].
     pub fn from_bytes(bytes: &[u8], path: &Path, options: &ImportOptions) -> Result<Scene> {
+        Scene::read(bytes, path, options, &mut Resources::default())
+    }
+
+    fn read(bytes: &[u8], path: &Path, options: &ImportOptions, resources: &mut Resources) -> Result<Scene> {
         let (text, bin) = container::chunks(bytes, path)?;
         let value = json::parse(text).map_err(|problem| Error::input(path, "file", problem))?;
         let root = Json::root(&value, path);
         let mut notes = Notes::default();
-        let mut resources = Resources::default();
         check_asset(&root, &mut notes)?;
         check_extensions(&root, &mut notes)?;
 
-        let buffers = accessor::read_buffers(&root, bin, &mut resources)?;
+        let buffers = accessor::read_buffers(&root, bin, resources)?;
         let decoded = meshopt::decode(&root, &buffers)?;
         let views = accessor::Views::read(&root, &buffers, &decoded)?;
         let decoded = draco::decode(&root, &views)?;
         let accessors = views.accessors(&root, &decoded)?;
         let posed = animation::pose(&root, &accessors, options, &mut notes)?;
         let root = posed.document.as_ref().map_or(root, |document| Json::root(document, path));
-        let encoded = images::read_images(&root, &views, &mut resources, options.lenient, &mut notes)?;
+        let encoded = images::read_images(&root, &views, resources, options.lenient, &mut notes)?;
         let panorama = image_light::read(&root, &encoded, options.lenient, &mut notes)?;
         let (materials, images) = materials(&root, encoded, options, &mut notes)?;
         let cameras = camera::read(&root)?;
@@ -114,7 +115,7 @@ impl Scene {
             ..Default::default()
         };
         let mut geometry = document.geometry(&mut scene.materials, options)?;
-        let procedurals = procedural::read(&document.nodes, &mut resources, &mut scene, &mut notes)?;
+        let procedurals = procedural::read(&document.nodes, resources, &mut scene, &mut notes)?;
         immersion::immerse(&mut geometry, &mut scene.materials, &mut notes);
         geometry.procedural_corners = procedurals.iter().flat_map(|placed| placed.corners).collect();
         geometry.find_emitters(&scene);
@@ -135,6 +136,20 @@ impl Scene {
         (scene.variants, scene.animation_end) = (variants.into_names(), posed.end);
         Ok(scene)
     }
+}
+
+/// [`Scene::load`], which lists in `files` what [`Scene::files`] would have of a scene that is refused, too: the files
+/// that it refers to as far as it was read.
+///
+/// # Errors
+/// As [`Scene::load`].
+pub fn load_and_list(path: &Path, options: &ImportOptions, files: &mut Vec<PathBuf>) -> Result<Scene> {
+    files.clear();
+    let bytes = read_file(path).map_err(|e| Error::input(path, "file", e))?;
+    let mut resources = Resources::default();
+    let scene = Scene::read(&bytes, path, options, &mut resources);
+    *files = resources.files(path);
+    scene
 }
 
 /// The materials, and the images that they use. A lenient import leaves out the images that turn out to be damaged, and

@@ -53,6 +53,7 @@ pub use added_camera::{AddedCamera, with_camera};
 pub use camera::{Camera, Lens, Projection};
 pub use description::Scene;
 pub use framing::Framing;
+pub use gltf::load_and_list;
 pub use import_options::ImportOptions;
 pub use instance::{Instance, SharedMesh};
 pub use lens::{Focus, Iris, MAX_BLADES};

@@ -8,9 +8,16 @@ use std::time::{Duration, Instant, SystemTime};
 /// Time between two checks of the files.
 pub const INTERVAL: Duration = Duration::from_millis(500);
 
-/// Files, with their length and time of last change at the last check; `None` if a file was missing.
+/// The length of a file and the time of its last change; `None` if it is missing.
+type Stamp = Option<(u64, SystemTime)>;
+
+fn stamp(file: &PathBuf) -> Stamp {
+    fs::metadata(file).ok().and_then(|data| Some((data.len(), data.modified().ok()?)))
+}
+
+/// Files, as they were at the last check.
 pub struct Watch {
-    stamps: BTreeMap<PathBuf, Option<(u64, SystemTime)>>,
+    stamps: BTreeMap<PathBuf, Stamp>,
     at: Instant,
 }
 
@@ -25,9 +32,15 @@ impl Watch {
         self.at.elapsed() >= INTERVAL
     }
 
+    /// Adds files that are new to the list, as they are now.
+    pub fn add(&mut self, files: Vec<PathBuf>) {
+        for file in files {
+            self.stamps.entry(file).or_insert_with_key(stamp);
+        }
+    }
+
     /// Whether one of the files has changed since the last check. A file that is new to the list counts as unchanged.
     pub fn changed(&mut self, files: Vec<PathBuf>) -> bool {
-        let stamp = |file: &PathBuf| fs::metadata(file).ok().and_then(|data| Some((data.len(), data.modified().ok()?)));
         let stamps: BTreeMap<_, _> = files.into_iter().map(|file| (file.clone(), stamp(&file))).collect();
         let changed = stamps.iter().any(|(file, stamp)| self.stamps.get(file).is_some_and(|last| last != stamp));
         (self.stamps, self.at) = (stamps, Instant::now());
@@ -49,6 +62,7 @@ mod tests {
         assert!(watch.changed(files()), "it appears");
         assert!(!watch.changed(files()));
         fs::write(&file, "22").unwrap();
+        watch.add(files());
         assert!(watch.changed(files()), "it has another length");
         fs::remove_file(&file).unwrap();
         assert!(watch.changed(files()), "it is gone");

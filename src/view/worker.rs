@@ -117,7 +117,7 @@ fn run(
 /// Obeys commands and renders, until there are no more commands.
 fn serve(session: &mut Session<'_>, commands: &Receiver<Command>, mut show: impl FnMut(Snapshot)) -> End {
     let mut watch = Watch::new();
-    watch.changed(session.state().files());
+    watch.add(session.state().files());
     let mut is_busy = true;
     loop {
         if !is_busy {
@@ -138,7 +138,10 @@ fn serve(session: &mut Session<'_>, commands: &Receiver<Command>, mut show: impl
         if watch.is_due() && watch.changed(session.state().files()) {
             session.command(Command::Reload);
         }
-        match session.step() {
+        let stepped = session.step();
+        // At once: files may appear a moment after the scene that refers to them was refused.
+        watch.add(session.state().files());
+        match stepped {
             Ok((snapshot, worked)) => {
                 snapshot.into_iter().for_each(&mut show);
                 is_busy = worked;

@@ -329,6 +329,9 @@ fn lenient_imports_leave_out_images() {
         // The factor alone would make the surface a lamp.
         assert_eq!(material.emissive, glam::Vec3::ZERO);
         assert!(scene.notes.iter().any(|note| note.contains("is left out")), "{:?}", scene.notes);
+        // A missing file is one that the scene refers to.
+        let is_missing = file.json["images"][1]["uri"].is_string();
+        assert_eq!(scene.files.iter().any(|file| file.ends_with("not there.png")), is_missing, "{:?}", scene.files);
     }
     // Without a fault, the same file as without the option.
     let (a, b) = (textured(&good, None).load(), textured(&good, None).load_with(&lenient).unwrap());

@@ -461,6 +461,34 @@ fn a_broken_file_keeps_the_picture() {
     assert_eq!(settle(&mut session, [Command::Reload]).pixels, first.pixels);
 }
 
+/// A scene is read again once a file appears that it refers to, even if it was refused for lack of that file.
+#[test]
+fn a_missing_file_is_awaited() {
+    let folder = folder();
+    let [scene, image] = ["scene.glb", "new.png"].map(|name| folder.path().join(name));
+    let mut file = File::new();
+    file.mesh(&[[-1., -1., -2.], [1., -1., -2.], [0., 1., -2.]], json!({}));
+    add_camera(&mut file);
+    fs::write(&scene, file.glb()).unwrap();
+    let choice: DeviceChoice = std::env::var("PENUMBRA_DEVICE").unwrap_or("software".into()).parse().unwrap();
+    let open = move || Ok(Arc::new(Gpu::open(&choice)?));
+    let (events, heard) = channel();
+    let tell = move |event| events.send(event).unwrap();
+    let worker = Worker::start(open().unwrap(), state(&scene, settings()), open, tell);
+    let wait_for_message = |is_expected: fn(Option<&str>) -> bool| loop {
+        heard.recv_timeout(Duration::from_secs(60)).unwrap();
+        if worker.take().is_some_and(|snapshot| snapshot.is_complete && is_expected(snapshot.message.as_deref())) {
+            return;
+        }
+    };
+    wait_for_message(|message| message.is_none());
+    file.add("images", json!({ "uri": "new.png" }));
+    fs::write(&scene, file.glb()).unwrap();
+    wait_for_message(|message| message.is_some_and(|message| message.contains("new.png")));
+    image::RgbImage::new(1, 1).save(&image).unwrap();
+    wait_for_message(|message| message.is_none());
+}
+
 /// Another scene begins with its own camera; a missing one leaves the picture.
 #[test]
 fn another_scene_replaces_the_first() {

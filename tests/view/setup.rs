@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use kernel_kit::Gpu;
 use penumbra::internal::render::film::View;
+use penumbra::internal::scene::load_and_list;
 use penumbra::internal::view::{
     Choices, Command, Eye, Overlay, Picture, Pose, Session, Shown, Snapshot, Source, State, Viewpoint,
 };
@@ -22,9 +23,9 @@ pub fn folder() -> tempfile::TempDir {
 pub struct Files(pub Vec<PathBuf>);
 
 impl Source for Files {
-    fn load(&self, file: &Path, pose: &Pose) -> Result<Scene> {
+    fn load(&self, file: &Path, pose: &Pose, files: &mut Vec<PathBuf>) -> Result<Scene> {
         let (time, variant) = (pose.time, pose.variant.clone());
-        Scene::load(file, &ImportOptions { time, variant, ..ImportOptions::default() })
+        load_and_list(file, &ImportOptions { time, variant, ..ImportOptions::default() }, files)
     }
 
     fn camera(&self, scene: &Scene, eye: &Eye, _: f32) -> Result<Camera> {
@@ -73,7 +74,7 @@ pub fn state(file: &Path, settings: Settings) -> State {
 /// With further files that the command names.
 pub fn state_with(file: &Path, settings: Settings, others: Vec<PathBuf>) -> State {
     let files = Files(others);
-    let scene = files.load(file, &Pose::default()).unwrap();
+    let scene = files.load(file, &Pose::default(), &mut Vec::new()).unwrap();
     State::new(Arc::new(files), file.to_owned(), scene, choices(settings))
 }
 

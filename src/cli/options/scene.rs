@@ -7,7 +7,9 @@ use std::sync::Arc;
 
 use clap::Args;
 use glam::DVec3;
-use penumbra::internal::scene::{Extent, Focus, Framing, ImportOptions, Iris, LookAt, Panorama, Projection};
+use penumbra::internal::scene::{
+    Extent, Focus, Framing, ImportOptions, Iris, LookAt, Panorama, Projection, load_and_list,
+};
 #[cfg(feature = "view")]
 use penumbra::internal::view::Pose;
 use penumbra::{Camera, Error, Result, Scene};
@@ -292,11 +294,16 @@ impl SceneOptions {
 
     /// The scene at this time of its animation in seconds, without the panorama.
     pub fn load_at(&self, time: Option<f64>) -> Result<Scene> {
+        self.load_and_list(time, &mut Vec::new())
+    }
+
+    /// Like [`load_at`](Self::load_at); `files` are then those that the scene refers to, even if it is refused.
+    pub fn load_and_list(&self, time: Option<f64>, files: &mut Vec<PathBuf>) -> Result<Scene> {
         let Self { default_light, lenient, repeat, .. } = *self;
         let (animation, variant) = (self.animation.clone(), self.variant.clone());
         let max_copied_triangles = None;
         let options = ImportOptions { default_light, lenient, repeat, time, animation, variant, max_copied_triangles };
-        Scene::load(&self.scene, &options)
+        load_and_list(&self.scene, &options, files)
     }
 
     /// The panorama around the scene.

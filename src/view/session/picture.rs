@@ -65,11 +65,11 @@ pub struct Picture {
 
 /// Where scenes and cameras come from, and commands go: the options of the program.
 pub trait Source: Send + Sync {
-    /// Reads a scene.
+    /// Reads a scene. `files` are then those that it refers to, even if it is refused.
     ///
     /// # Errors
     /// As [`Scene::load`].
-    fn load(&self, file: &Path, pose: &Pose) -> Result<Scene>;
+    fn load(&self, file: &Path, pose: &Pose, files: &mut Vec<PathBuf>) -> Result<Scene>;
 
     /// The camera, for an image of `aspect` times its height.
     ///

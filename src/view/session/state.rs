@@ -21,6 +21,8 @@ pub struct State {
     pub(super) scene: Option<Loaded>,
     /// The scene that was last read, successfully or not.
     pub(super) tried: Option<Origin>,
+    /// The files that it refers to.
+    tried_files: Vec<PathBuf>,
     /// How often the scene was to be read again.
     pub(super) reloads: u64,
     pub(super) message: Option<String>,
@@ -62,6 +64,7 @@ impl State {
             source,
             file,
             choices,
+            tried_files: scene.files.clone(),
             scene: Some(Loaded { scene: Arc::new(scene), origin: origin.clone() }),
             tried: Some(origin),
             reloads: 0,
@@ -84,9 +87,10 @@ impl State {
         self.message = Some(message);
     }
 
-    /// The file that is shown, and those that it was read with.
+    /// The files of the scene that is shown, and of one that could not be read: it may be read once they change.
     pub fn files(&self) -> Vec<PathBuf> {
-        let referred = self.scene.iter().flat_map(|loaded| loaded.scene.files.iter().cloned());
+        let shown = self.scene.iter().flat_map(|loaded| &loaded.scene.files);
+        let referred = shown.chain(&self.tried_files).cloned();
         std::iter::once(self.file.clone()).chain(referred).chain(self.source.files()).collect()
     }
 
@@ -170,7 +174,7 @@ impl State {
             return Ok(());
         }
         self.tried = Some(origin.clone());
-        let scene = self.source.load(&origin.file, &origin.pose)?;
+        let scene = self.source.load(&origin.file, &origin.pose, &mut self.tried_files)?;
         // The view of a file that is read again stays.
         if is_another {
             (self.eye, self.choices.pose) = (self.source.eye(), origin.pose.clone());
