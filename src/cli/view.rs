@@ -1,5 +1,6 @@
 //! `penumbra view`.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -10,7 +11,7 @@ use penumbra::internal::render::film::View;
 use penumbra::internal::scene::{Extent, LookAt};
 use penumbra::internal::view::{Choices, Display, Eye, Overlay, Picture, Pose, Program, Shown, Source, Viewpoint};
 use penumbra::settings::Denoise;
-use penumbra::{Camera, Denoiser, Error, Result, Scene};
+use penumbra::{Aov, Camera, Denoiser, Error, Result, Scene};
 
 use super::options::{
     DeviceOptions, ExtentOptions, OidnOptions, RenderOptions, SceneOptions, camera_word, denoisers, finite, positive,
@@ -66,19 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     })?;
     let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
     scene.notes.iter().for_each(|note| say(format_args!("note: {note}")));
-    let mut settings = arguments.settings.settings(&camera, &ExtentOptions::default())?;
-    settings.image.noise = arguments.noise;
-    let choices = Choices {
-        settings,
-        pose: arguments.scene.pose(),
-        display: Shown {
-            overlay: Overlay::Picture,
-            light: 0,
-            view: arguments.view,
-            exposure: arguments.exposure,
-            denoised: arguments.denoise != Denoise::None,
-        },
-    };
+    let choices = choices(arguments, &camera)?;
     let program = Program {
         source: Arc::new(Options::new(arguments, &CommandLine::command().get_matches())),
         file: arguments.scene.scene.clone(),
@@ -92,6 +81,20 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     };
     display.show(program)?;
     Ok(Ending::Done)
+}
+
+/// What the window shows at first.
+fn choices(arguments: &Arguments, camera: &Camera) -> Result<Choices> {
+    let mut settings = arguments.settings.settings(camera, &ExtentOptions::default())?;
+    settings.image.noise = arguments.noise;
+    let display = Shown {
+        overlay: Overlay::Picture,
+        light: 0,
+        view: arguments.view,
+        exposure: arguments.exposure,
+        denoised: arguments.denoise != Denoise::None,
+    };
+    Ok(Choices { settings, pose: arguments.scene.pose(), display })
 }
 
 /// The options that the copied command states itself: the window changes them, or they have other defaults in `render`.
@@ -269,13 +272,19 @@ impl Source for Options {
         if display.exposure != 0.0 {
             words.push(format!("--exposure={}", display.exposure));
         }
-        let denoise = if display.denoised { self.denoise } else { Denoise::None };
-        words.push(format!("--denoise={}", denoise.name()));
+        // Also for a raw picture: the denoiser decides on batches, and on samples with --noise.
+        words.push(format!("--denoise={}", self.denoise.name()));
         words.extend(self.kept.iter().cloned());
-        let aov = display.overlay.aov();
-        words.extend(aov.map(|aov| format!("--aov={}", aov.name())));
-        // A .png holds the picture alone.
-        words.extend(["-o".to_owned(), if aov.is_some() { "picture.exr" } else { "picture.png" }.to_owned()]);
+        if display.overlay.requires_photons() && settings.visibility_map.photons_per_light.is_none() {
+            words.push(format!("--photons={}", settings.photons_per_light()));
+        }
+        let aovs: BTreeSet<Aov> = image.aovs.iter().copied().chain(display.overlay.aov()).collect();
+        if !aovs.is_empty() {
+            words.push(format!("--aov={}", aovs.iter().map(|aov| aov.name()).collect::<Vec<_>>().join(",")));
+        }
+        // A .png holds one picture alone: the denoised one if there is one.
+        let is_png = aovs.is_empty() && (display.denoised || self.denoise == Denoise::None);
+        words.extend(["-o".to_owned(), if is_png { "picture.png" } else { "picture.exr" }.to_owned()]);
         words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ")
     }
 
@@ -300,12 +309,15 @@ fn quoted(word: &str) -> String {
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::sync::Arc;
 
     use clap::{CommandFactory, Parser};
-    use penumbra::internal::view::{Eye, Source, Viewpoint};
+    use kernel_kit::Gpu;
+    use penumbra::Image;
+    use penumbra::internal::view::{Command as SessionCommand, Eye, Overlay, Session, Shown, Source, State, Viewpoint};
 
-    use super::super::{Command, CommandLine};
-    use super::{Options, quoted};
+    use super::super::{Command, CommandLine, render};
+    use super::{Options, choices, quoted};
 
     /// The window begins with what the command says.
     #[test]
@@ -358,6 +370,50 @@ mod tests {
         let wide = Eye { viewpoint: Viewpoint::File(2), fov: Some(60.0), ..Eye::default() };
         for eye in [wide, Eye::default()] {
             assert_eq!(of_command(&eye), options.camera(&scene, &eye, 1.0).unwrap(), "{eye:?}");
+        }
+    }
+
+    /// The copied command renders the bits of the picture that is shown, also where the denoiser, the user's channels
+    /// or an overlay decide on samples, kernels or photons.
+    #[test]
+    fn a_copied_command_renders_the_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        let [scene, shown, rendered] = ["box.glb", "shown.exr", "rendered.exr"].map(|name| folder.path().join(name));
+        fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/box.glb"), &scene).unwrap();
+        let device = std::env::var("PENUMBRA_DEVICE").unwrap_or("software".into());
+        let gpu = Gpu::open(&device.parse().unwrap()).unwrap();
+        for (given, overlay, denoised, file) in [
+            ("--denoise statistical", Overlay::Picture, true, "picture.png"),
+            ("--denoise statistical --noise 0.01", Overlay::Picture, false, "picture.exr"),
+            ("--denoise none", Overlay::Cells, false, "picture.png"),
+            ("--denoise none --photons 5000", Overlay::Cells, false, "picture.png"),
+            ("--denoise none --aov shadow,N", Overlay::Depth, false, "picture.exr"),
+        ] {
+            let case = format!("{given}, {overlay:?}, denoised: {denoised}");
+            let words = format!("penumbra view --width 48 --height 36 --spp 20 --device {device} {given}");
+            let words: Vec<&str> = words.split(' ').chain([scene.to_str().unwrap()]).collect();
+            let Command::View(arguments) = CommandLine::parse_from(&words).command else { panic!("another command") };
+            let options = Arc::new(Options::new(&arguments, &CommandLine::command().get_matches_from(&words)));
+            let (loaded, camera) = arguments.scene.load(1.0).unwrap();
+            let mut choices = choices(&arguments, &camera).unwrap();
+            choices.display = Shown { overlay, denoised, ..choices.display };
+            let mut session = Session::new(&gpu, State::new(options.clone(), scene.clone(), loaded, choices));
+            while session.step().unwrap().1 {}
+            session.command(SessionCommand::Save(shown.clone()));
+            let snapshot = session.snapshot();
+            assert!(snapshot.is_complete, "{case}: {:?}", snapshot.message);
+            let command = options.command(&snapshot.picture, &snapshot.cameras);
+            assert!(command.ends_with(&format!(" -o {file}")), "{case}: {command}");
+            let output = command.rfind(file).unwrap();
+            let words = command[..output].split_whitespace().chain([rendered.to_str().unwrap(), "--quiet"]);
+            let Command::Render(arguments) = CommandLine::parse_from(words).command else { panic!("another command") };
+            render::run(&arguments).unwrap();
+            let [shown, rendered] = [&shown, &rendered].map(|file| Image::read(file).unwrap());
+            for name in ["R", "G", "B", "denoised.R", "denoised.G", "denoised.B"] {
+                let bits =
+                    |image: &Image| image.channel(name).map(|s| s.iter().map(|x| x.to_bits()).collect::<Vec<_>>());
+                assert!(bits(&shown) == bits(&rendered), "{case}: {name} differs from {command}");
+            }
         }
     }
 
