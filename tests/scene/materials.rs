@@ -491,6 +491,26 @@ fn volumes_within_volumes() {
     let features = |scene: &Scene| Specialisation::new(scene, None, &Settings::default()).features;
     assert!(features(&scene).has(Feature::Immersed));
     assert!(!features(&load(water(), &inner[3..4])).has(Feature::Immersed));
+    // A stone that is half a cube's width in the water, and in the box around a round volume of eight faces.
+    let octahedron = |half: f32| {
+        let corner = |i: usize, sign: f32| [0, 1, 2].map(|axis| if axis == i { sign * half } else { 0.0 });
+        let faces = (0..8).map(|i| [0, 1, 2].map(|axis| corner(axis, if i >> axis & 1 == 1 { 1.0 } else { -1.0 })));
+        let outwards =
+            faces.enumerate().map(|(i, [a, b, c])| if i.count_ones() % 2 == 1 { [a, b, c] } else { [a, c, b] });
+        outwards.flatten().collect::<Vec<_>>()
+    };
+    let mut round = File::new();
+    round.add("materials", water());
+    round.add("materials", json!({}));
+    round.mesh(&octahedron(4.0), json!({ "material": 0 }));
+    for centre in [[0.0; 3], [1.6, 1.6, 0.0]] {
+        round.mesh(&cube(centre, 0.5), json!({ "material": 1 }));
+    }
+    let round = round.load();
+    let medium = |first: usize| round.materials[round.triangles[first].material as usize].medium;
+    assert_eq!([8, 20].map(|first| medium(first).is_some()), [true, false]);
+    // An object that stands on the floor of the volume is in it.
+    assert_eq!(index(&load(water(), &[("stone", [0.0, -3.5, 0.0], 0.5, 2)]), 1), Some(1.25));
     // A thin wall encloses no volume; an open one neither, wherever its box is.
     assert_eq!(index(&load(volume(0.0, 1.25), &inner), 1), None);
     let mut open = File::new();
@@ -499,6 +519,34 @@ fn volumes_within_volumes() {
     open.mesh(&cube([0.0; 3], 4.0)[..6], json!({ "material": 0 }));
     open.mesh(&cube([0.0, 0.0, -4.0], 0.0), json!({ "material": 1 }));
     assert!(open.load().materials.iter().all(|material| material.medium.is_none()));
+}
+
+/// The inner wall of hollow glass is a primitive of its own, whose normals point into the hollow. Air is there, also
+/// around a stone. A stone between the walls lies in glass.
+#[test]
+fn hollow_volumes_enclose_air() {
+    let glass = json!({ "extensions": {
+        "KHR_materials_transmission": { "transmissionFactor": 1 },
+        "KHR_materials_volume": { "thicknessFactor": 1 },
+    } });
+    let media = |turned: bool| {
+        let mut file = File::new();
+        file.add("materials", glass.clone());
+        file.add("materials", json!({}));
+        file.mesh(&cube([0.0; 3], 4.0), json!({ "material": 0 }));
+        let mut wall = cube([1.0, 0.0, 0.0], 2.0);
+        if turned {
+            wall.chunks_exact_mut(3).for_each(|corners| corners.swap(1, 2));
+        }
+        file.mesh(&wall, json!({ "material": 0 }));
+        for x in [1.0, -2.5] {
+            file.mesh(&cube([x, 0.0, 0.0], 0.5), json!({ "material": 1 }));
+        }
+        let scene = file.load();
+        [0, 1, 2, 3].map(|cube| scene.materials[scene.triangles[12 * cube].material as usize].medium.is_some())
+    };
+    assert_eq!(media(true), [false, false, false, true]);
+    assert_eq!(media(false), [false, true, true, true]);
 }
 
 /// Among many volumes, each primitive finds its own: stones lie in every other one of 216 drops, and beside the others.
