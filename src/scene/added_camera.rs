@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::camera::{Camera, Projection};
 use super::container::chunks;
 use super::description::Scene;
-use super::json;
+use super::json::{self, whole};
 use crate::input::read_file;
 use crate::{Error, Result};
 
@@ -138,7 +138,7 @@ fn edit(text: &str, document: &Value, camera: &AddedCamera, name: &str) -> Optio
     let columns = [right.extend(0.0), up.extend(0.0), backward.extend(0.0), camera.position.extend(1.0)];
     let matrix: Vec<f64> = columns.iter().flat_map(|column| column.to_array()).collect();
     let node = json!({ "name": name, "camera": length("cameras"), "matrix": matrix });
-    let scene = document["scene"].as_u64().unwrap_or(0) as usize;
+    let scene = whole(&document["scene"]).unwrap_or(0);
     let mut text = append(text, &["cameras"], &camera.json(name).to_string())?;
     text = append(&text, &["nodes"], &node.to_string())?;
     // Without scenes all roots are shown.

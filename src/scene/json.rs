@@ -139,10 +139,7 @@ impl<'a> Json<'a> {
 
     /// The value as a whole number of at least 0. As in JSON Schema, a float without a fraction is a whole number.
     pub fn whole(&self) -> Result<usize> {
-        let from_float =
-            || self.value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..9e15).contains(x)).map(|x| x as u64);
-        let whole = self.value.as_u64().or_else(from_float);
-        whole.and_then(|x| usize::try_from(x).ok()).ok_or_else(|| self.mismatch("a whole number, 0 or more"))
+        whole(self.value).ok_or_else(|| self.mismatch("a whole number, 0 or more"))
     }
 
     /// The value as an index into a list of `count` elements. `what` names the element in the error.
@@ -194,4 +191,10 @@ impl<'a> Json<'a> {
     pub fn name(&self) -> Result<Option<String>> {
         self.get("name")?.map(|name| name.string().map(printable)).transpose()
     }
+}
+
+/// See [`Json::whole`].
+pub(super) fn whole(value: &Value) -> Option<usize> {
+    let from_float = || value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..9e15).contains(x)).map(|x| x as u64);
+    value.as_u64().or_else(from_float).and_then(|x| usize::try_from(x).ok())
 }

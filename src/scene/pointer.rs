@@ -5,6 +5,7 @@
 
 use serde_json::{Map, Value};
 
+use super::json::whole;
 use super::keyframes::Values::{self, Rotation, Scalars, Switch, Vector};
 
 /// Numbers without limits.
@@ -218,8 +219,7 @@ fn mesh_of<'v>(document: &'v Value, owner: &'v Value) -> Option<&'v Value> {
     if owner.get("primitives").is_some() {
         return Some(owner);
     }
-    let index = usize::try_from(owner.get("mesh")?.as_u64()?).ok()?;
-    document.get("meshes")?.get(index)
+    document.get("meshes")?.get(whole(owner.get("mesh")?)?)
 }
 
 /// Number of morph targets of a mesh.

@@ -310,3 +310,19 @@ fn the_framing_camera_sees_every_corner() {
         assert!(v.dot(up).abs() <= limit && v.dot(right).abs() <= limit, "{v} is outside the view");
     }
 }
+
+/// The camera goes to the scene that is shown, also if its number is written as a float.
+#[test]
+fn a_saved_camera_is_in_the_scene_that_is_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("triangle.glb");
+    let mut file = File::triangle();
+    file.json["scenes"] = json!([{}, { "nodes": [0] }]);
+    file.json["scene"] = json!(1.0);
+    fs::write(&path, file.glb()).unwrap();
+    let scene = Scene::load(&path, &ImportOptions::default()).unwrap();
+    assert_eq!((scene.triangles.len(), scene.cameras.len()), (1, 0));
+    let added = AddedCamera::new("added", &scene, &scene.frame_camera(), None);
+    let (copy, _) = penumbra::internal::scene::with_camera(&path, folder.path(), &added).unwrap();
+    assert_eq!(Scene::from_bytes(&copy, &path, &ImportOptions::default()).unwrap().cameras.len(), 1);
+}
