@@ -136,12 +136,17 @@ fn coverage_variances(sums: &dyn Sums, means: &[DVec4]) -> Result<Vec<f64>> {
     let (Some(first), Some(whole)) = (sums.first_halves(Quantity::Direct)?, sums.sums(Quantity::Direct)?) else {
         return Ok(variances);
     };
-    let between = |(first, whole): (&Sum, &Sum)| {
+    let between = |(pixel, (first, whole)): (usize, (&Sum, &Sum))| {
         let second = whole.without(first);
-        let are_both = first.kept > 0.0 && second.kept > 0.0;
-        if are_both { (first.mean().w - second.mean().w).powi(2) / 4.0 } else { 0.0 }
+        if first.kept == 0.0 || second.kept == 0.0 {
+            return 0.0;
+        }
+        // Of halves of equal size, a quarter of the squared difference is the variance of the mean.
+        let share = f64::from(first_half(sums.samples_of(pixel))) / f64::from(sums.samples_of(pixel));
+        (first.mean().w - second.mean().w).powi(2) * share * (1.0 - share)
     };
-    let factor = if all > 0.0 { first.iter().zip(&whole).map(between).sum::<f64>() / all } else { 1.0 };
+    let between: f64 = first.iter().zip(&whole).enumerate().map(between).sum();
+    let factor = if all > 0.0 { between / all } else { 1.0 };
     Ok(variances.into_iter().map(|variance| factor * variance).collect())
 }
 
@@ -184,4 +189,57 @@ fn half_components(means: Vec<Vec<Colour>>, all: &[Component], factor: &dyn Fn(u
 
 fn colour(value: &DVec4) -> Colour {
     value.truncate().as_vec3().to_array()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::film::Channel;
+
+    /// Pixels of three samples, which cover all combinations of hits and misses. The first half is one sample.
+    struct Thirds;
+
+    impl Thirds {
+        fn pixels(counted: &[usize]) -> Vec<Sum> {
+            let hits = |pixel: usize| counted.iter().filter(|sample| pixel >> **sample & 1 == 1).count() as f64;
+            (0..8).map(|pixel| Sum { total: DVec4::W * hits(pixel), kept: counted.len() as f64 }).collect()
+        }
+    }
+
+    impl Sums for Thirds {
+        fn sums(&self, _: Quantity) -> Result<Option<Vec<Sum>>> {
+            Ok(Some(Thirds::pixels(&[0, 1, 2])))
+        }
+
+        fn first_halves(&self, _: Quantity) -> Result<Option<Vec<Sum>>> {
+            Ok(Some(Thirds::pixels(&[0])))
+        }
+
+        fn may_have_lens(&self) -> bool {
+            false
+        }
+
+        fn samples_of(&self, _: usize) -> u32 {
+            3
+        }
+
+        fn shared_errors(&self) -> Option<&[f32]> {
+            None
+        }
+
+        fn push_class_channels(&self, _: &mut Vec<Channel>) -> Result<()> {
+            Ok(())
+        }
+    }
+
+    /// Of three independent samples, each a hit with probability 1/2, the mean has the variance 1/12. All eight
+    /// combinations together have this mean estimate. A quarter of the squared difference of the unequal halves would
+    /// be 9/8 of it.
+    #[test]
+    fn unequal_halves_show_the_variance_of_the_mean() {
+        let means: Vec<DVec4> = Thirds::pixels(&[0, 1, 2]).iter().map(Sum::mean).collect();
+        let variances = coverage_variances(&Thirds, &means).unwrap();
+        let mean = variances.iter().sum::<f64>() / 8.0;
+        assert!((mean * 12.0 - 1.0).abs() < 1e-12, "{mean}");
+    }
 }
