@@ -160,6 +160,7 @@ fn render(job: &Job, time: Option<Duration>, notes: &mut Vec<String>) -> Result<
             notes.extend_from_slice(renderer.notes());
             let stopped = sample(renderer, job, &denoiser, started, deadline)?;
             let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
+            notes.extend(renderer.note_on_noise());
             if renderer.samples() > 0 && denoiser.choice() != Denoise::None {
                 let start = Instant::now();
                 let outcome = renderer.add_denoised(&mut image, &denoiser);

@@ -57,9 +57,16 @@ impl Renderer<'_> {
     /// A note if [`ImageSettings::noise`] was not reached, because samples or time ended the render.
     pub fn note_on_noise(&self) -> Option<String> {
         let noise = self.settings.image.noise?;
-        let [above, all] = self.sampling.allocation.as_ref()?.above();
-        let rest = "were above it when they were last estimated";
-        (above > 0).then(|| format!("a noise of {noise:e} was not reached everywhere: {above} of {all} blocks {rest}"))
+        let allocation = self.sampling.allocation.as_ref()?;
+        let [above, all] = allocation.above();
+        if above > 0 {
+            let rest = "were above it when they were last estimated";
+            return Some(format!("a noise of {noise:e} was not reached everywhere: {above} of {all} blocks {rest}"));
+        }
+        // A single sample shows no noise.
+        let is_estimated = allocation.is_complete() && self.sampling.samples > 1;
+        let rest = "the image has too few samples for an estimate";
+        (!is_estimated).then(|| format!("whether a noise of {noise:e} was reached is not known: {rest}"))
     }
 
     /// The expected relMSE of the raw image: by the squared difference of two halves of its samples (a quarter of it

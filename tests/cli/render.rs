@@ -434,6 +434,8 @@ fn noise_ends_a_render_and_a_reference_is_compared_with() {
     }
     let answer = render("--noise 1e-6 --technique path --spp 9", &[&image]);
     assert!(answer.assert_done().stderr.contains("a noise of 1e-6 was not reached everywhere: 6 of 6 blocks"));
+    let answer = render("--noise 1e-6 --technique path --spp 1", &[&image]);
+    assert!(answer.assert_done().stderr.contains("whether a noise of 1e-6 was reached is not known"));
 }
 
 /// An image that cannot be compared is named.
