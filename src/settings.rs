@@ -394,6 +394,10 @@ impl Settings {
             return Err(Error::setting("image.crop", format!("{problem} of {} x {}", image.width, image.height)));
         }
         range("image.spp", image.spp, 1, Self::UNLIMITED_SPP)?;
+        let is_repeated = |aov: &&Aov| image.aovs.iter().filter(|other| other == aov).count() > 1;
+        if let Some(aov) = image.aovs.iter().find(is_repeated) {
+            return Err(Error::setting("image.aovs", format!("has {} more than once", aov.name())));
+        }
         range("visibility_map.photons_per_light", self.photons_per_light(), 1, Self::MAX_PHOTONS)?;
         range("visibility_map.nearest", visibility_map.nearest, 1, Self::MAX_NEAREST)?;
         let stored = visibility_map.shadow_photons_per_ray;
@@ -447,6 +451,11 @@ impl Settings {
         }
         let refuse =
             |name, value: f32, range: &str| Err(Error::setting(name, format!("is {value}; it must be {range}")));
+        if let Background::Colour(colour) = self.image.background
+            && let Some(value) = colour.into_iter().find(|value| !(*value >= 0.0 && value.is_finite()))
+        {
+            return refuse("image.background", value, "finite and 0 or more");
+        }
         let accuracy = self.indirect.irradiance_cache.accuracy;
         if !(accuracy > 0.0 && accuracy <= Self::MAX_ACCURACY) {
             let range = format!("more than 0, at most {}", Self::MAX_ACCURACY);

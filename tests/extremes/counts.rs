@@ -5,7 +5,8 @@ use penumbra::internal::stress::density::{PHOTONS, SAMPLES};
 use penumbra::internal::stress::materials::LAYERS;
 use penumbra::internal::stress::placement::room;
 use penumbra::internal::stress::stage::{Eye, Paint, Stage, View, square};
-use penumbra::{Settings, Technique};
+use penumbra::settings::Background;
+use penumbra::{Aov, Settings, Technique};
 
 use crate::setup::{assert_finite, assert_holds, mean_and_error, render, run, settings, with_variance};
 
@@ -84,6 +85,9 @@ fn images_may_have_any_shape() {
         smallest.clone().with(|s| s.image.width = 0),
         smallest.clone().with(|s| s.image.height = 0),
         smallest.clone().with(|s| s.image.spp = 0),
+        smallest.clone().with(|s| s.image.aovs = vec![Aov::Albedo, Aov::Depth, Aov::Albedo]),
+        smallest.clone().with(|s| s.image.background = Background::Colour([0.0, f32::NAN, 0.0])),
+        smallest.clone().with(|s| s.image.background = Background::Colour([0.0, -1.0, 0.0])),
     ] {
         assert!(empty.check().is_err());
     }
