@@ -72,7 +72,7 @@ fn milliseconds(time: Duration) -> f64 {
 
 fn measure(gpu: &Gpu, file: &Path) {
     let begun = Instant::now();
-    let scene = Files.load(file, &Pose::default()).unwrap();
+    let scene = Files.load(file, &Pose::default(), &mut Vec::new()).unwrap();
     let loaded = begun.elapsed();
     let mut session = Session::new(gpu, state(file, scene));
     let begun = Instant::now();
@@ -124,7 +124,7 @@ fn memory(gpu: &Gpu) -> [f64; 2] {
 }
 
 fn measure_memory(gpu: &Gpu, file: &Path) {
-    let scene = Files.load(file, &Pose::default()).unwrap();
+    let scene = Files.load(file, &Pose::default(), &mut Vec::new()).unwrap();
     let mut session = Session::new(gpu, state(file, scene));
     println!("{}: resident and device memory in MiB", file.display());
     for step in 0..=1000 {

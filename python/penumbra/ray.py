@@ -243,7 +243,8 @@ def _pack(path: pathlib.Path, load: dict[str, Any], is_sequence: bool) -> _Sent:
     try:
         scene = f"scene/{path.name}"
         files = {scene: path.read_bytes()}
-        for file in named:
+        # A lenient import lists missing files too.
+        for file in (file for file in named if file.exists()):
             files[f"scene/{file.relative_to(path.parent).as_posix()}"] = file.read_bytes()
         if environment is None:
             return _Sent(files, scene, None)

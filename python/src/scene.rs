@@ -203,7 +203,7 @@ impl Scene {
     }
 
     /// The files that the scene's file names: buffers, images, functions of procedural objects. They lie below its
-    /// folder.
+    /// folder. With `lenient` some may be missing.
     #[getter]
     fn files(&self) -> Vec<PathBuf> {
         self.scene.files.clone()

@@ -157,6 +157,17 @@ def test_all_files_of_a_scene_are_sent(workers, scenes, device, tmp_path):
     assert penumbra.ray._load(sent, kept, None).render(**settings).image.tobytes() == expected
 
 
+def test_missing_files_of_a_lenient_scene_are_not_sent(scenes, tmp_path):
+    import json
+
+    document = json.loads((scenes.parent / "tests/scene/poses/face.gltf").read_bytes())
+    document["images"] = [{"uri": "missing.png"}]
+    file = tmp_path / "face.gltf"
+    file.write_text(json.dumps(document))
+    assert [file.name for file in penumbra.Scene.load(file, lenient=True).files] == ["missing.png"]
+    assert list(penumbra.ray._pack(file, {"lenient": True}, False).files) == ["scene/face.gltf"]
+
+
 def turning(glb: bytes) -> bytes:
     """The scene with an animation that turns its camera's node for a second."""
     import json
