@@ -34,8 +34,8 @@ struct Refracted {
 }
 
 // The wavelength that a surface refracts, which lets the share `tint` of each pass: one that the ray carries and the
-// surface lets pass, or green if there is none. So whatever wavelength is chosen, the surface transmits light, and paths
-// and photons agree on whether it focuses light.
+// surface lets pass, or green if there is none. So whatever wavelength is chosen, the surface transmits light, and
+// paths and photons agree on whether it focuses light.
 @if(dispersion)
 fn refracted_wavelength(tint: vec3f) -> Refracted {
     let present = vec3u(carried * tint != vec3f(0.0));

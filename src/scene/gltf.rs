@@ -444,8 +444,8 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, default_light: bool, n
     note(skipped.not_finite, has, have, "numbers that are not finite: left out");
     for material in scene.materials.iter().filter(|material| material.encloses_volume() && material.has_gaps()) {
         notes.push(format!(
-            "material \"{}\" has a volume, and its alpha may be below 1: rays that pass its surface are absorbed too much \
-            or not at all; with the alphaMode OPAQUE they are absorbed as they should be",
+            "material \"{}\" has a volume, and its alpha may be below 1: rays that pass its surface are absorbed too \
+            much or not at all; with the alphaMode OPAQUE they are absorbed as they should be",
             material.name
         ));
     }

@@ -13,8 +13,8 @@ impl Specialisation {
     pub(super) fn decide_on_indirect_light(&mut self, scene: &Scene, settings: &Settings, m: &Facts) {
         let lit = is_lit(scene);
         let technique = settings.technique;
-        // Without bounces, only a path's first vertex remains: for the highlights of lights that its ray can hit, and for
-        // light that comes through the surface, which pass `shade` leaves to paths.
+        // Without bounces, only a path's first vertex remains: for the highlights of lights that its ray can hit, and
+        // for light that comes through the surface, which pass `shade` leaves to paths.
         let rays = self.decide_on_bsdf_rays(scene, settings, m);
         let reflected = settings.indirect.max_bounces > 0 && m.reflecting > 0;
         let on = technique.is_two_pass() && lit && (reflected || rays || m.transmitting > 0);

@@ -137,8 +137,8 @@ fn blended_surfaces_show_their_share_of_the_map() {
             let found = mean(scene, &camera(0.9 * normal, -normal, angle), Technique::PHOTON_MAP, 1 << 17);
             let share = found / (f64::from(alpha) * expected);
             println!("across {normal}, alpha {alpha}: {share}");
-            // At alpha 0.25, all 16 probes pass one disc in a hundred, three thousand photons are in view, and 9,000 camera
-            // rays stop: 1 % less light, and 2 % of noise.
+            // At alpha 0.25, all 16 probes pass one disc in a hundred, three thousand photons are in view, and 9,000
+            // camera rays stop: 1 % less light, and 2 % of noise.
             assert!((share - 1.0).abs() < 0.06, "across {normal}, alpha {alpha}: {share}");
         }
     }

@@ -255,5 +255,5 @@ fn files_of_hidden_objects_are_known() {
     std::fs::write(&path, file.to_string()).unwrap();
     let scene = Scene::load(&path, &ImportOptions::default()).unwrap();
     assert!(scene.procedurals.is_empty());
-    assert_eq!(scene.files, [colour, source]);
+    assert_eq!(scene.files, [colour, source, path.with_file_name("missing.wgsl")]);
 }
