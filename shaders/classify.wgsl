@@ -14,10 +14,11 @@
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7, remainder};
 import package::lib::class_word::{
-    AuditProbabilities, audit_probability, class_of, class_word, is_audited, is_decided, is_near, traces_shadow_rays
+    AuditProbabilities, NEAR, SETTLED, audit_probability, class_of, class_word, is_audited, is_decided, nearness_of,
+    traces_shadow_rays
 };
 @if(visibility_map || fine_cells) import package::lib::class_word::boundary_word;
-@if(visibility_map || fine_cells) import package::lib::class_word::{AWAY, NEAR, word_at};
+@if(visibility_map || fine_cells) import package::lib::class_word::{AWAY, word_at};
 import package::lib::cell_class::{
     COS_CLUSTER, CellClass, REQUEST_UNIT, REQUEST_ZERO, RequestedCell, decode_cell_class, holds_at, load_cell_classes,
     no_cell_class, request_complement
@@ -38,8 +39,9 @@ import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_position, til
 @if(visibility_map && shown_cells) import package::lib::constants::{CELL_MAP, CELL_REQUESTED};
 import package::lib::constants::{
     CANDIDATE_QUEUES, CLASSIFY_CANDIDATES, CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN,
-    COUNTER_AUDITED, COUNTER_DARK, COUNTER_NEAR, COUNTER_NEAR_AUDITED, INVALID_POINT, NOT_SAMPLED, NO_SAMPLED_LIGHT,
-    QUEUE_ARGUMENT_WORDS, QUEUE_AUDIT, QUEUE_BOUNDARY, QUEUE_COUNT, QUEUE_QUERY, QUEUE_UNDILATED
+    COUNTER_AUDITED, COUNTER_DARK, COUNTER_NEAR, COUNTER_NEAR_AUDITED, COUNTER_SETTLED, COUNTER_SETTLED_AUDITED,
+    INVALID_POINT, NOT_SAMPLED, NO_SAMPLED_LIGHT, QUEUE_ARGUMENT_WORDS, QUEUE_AUDIT, QUEUE_BOUNDARY, QUEUE_COUNT,
+    QUEUE_QUERY, QUEUE_UNDILATED
 };
 
 struct ClassifyParameters {
@@ -89,13 +91,15 @@ const CLASSIFY_GROUP = 64u;
 const COUNTED_AUDITED = 5u;
 const COUNTED_NEAR = 6u;
 const COUNTED_NEAR_AUDITED = 7u;
-const COUNTED_UNDECIDED = 8u;
-const COUNTED_TRACED = 9u;
+const COUNTED_SETTLED = 8u;
+const COUNTED_SETTLED_AUDITED = 9u;
+const COUNTED_UNDECIDED = 10u;
+const COUNTED_TRACED = 11u;
 // Indices below this one have a counter; the two others are only lengths of queues.
-const WITH_COUNTER = 8u;
+const WITH_COUNTER = 10u;
 // The counts of the workgroup: half of a word for each index. A workgroup has at most 2,048 candidates.
 var<workgroup> group_counts: array<atomic<u32>, COUNT_WORDS>;
-const COUNT_WORDS = 5u;
+const COUNT_WORDS = 6u;
 // Where the workgroup's candidates begin in each queue.
 var<workgroup> queue_bases: array<u32, CANDIDATE_QUEUES>;
 
@@ -390,9 +394,14 @@ fn widen_to(candidate: u32) {
     // It stays in the queue of audits; entry point `audit` of pass `shadow` skips boundaries.
     let audited = u32(audits(candidate, word));
     atomicSub(&counters[COUNTER_AUDITED], audited);
-    if is_near(word) {
+    let nearness = nearness_of(word);
+    if nearness == NEAR {
         atomicSub(&counters[COUNTER_NEAR], 1u);
         atomicSub(&counters[COUNTER_NEAR_AUDITED], audited);
+    }
+    if nearness == SETTLED {
+        atomicSub(&counters[COUNTER_SETTLED], 1u);
+        atomicSub(&counters[COUNTER_SETTLED_AUDITED], audited);
     }
 }
 
@@ -424,8 +433,10 @@ struct Noted {
     // Queued for shadow rays, and for audits.
     traced: u32,
     audited: u32,
-    // Counts by the indices that have a counter, in halves of words as in `group_counts`.
+    // Counts by the indices that have a counter, in halves of words as in `group_counts`: those below COUNTED_SETTLED,
+    // and the two others.
     counts: vec4u,
+    settled: u32,
 }
 
 // Notes the word of the invocation's candidate k.
@@ -440,10 +451,12 @@ fn note(noted: ptr<function, Noted>, k: u32, candidate: u32, word: u32) {
     if traces_shadow_rays(word) { (*noted).traced |= bit; }
     if is_decided(class_) {
         let audited = audits(candidate, word);
-        if is_near(word) {
+        let nearness = nearness_of(word);
+        if nearness == NEAR {
             (*noted).counts += one_of(COUNTED_NEAR);
             if audited { (*noted).counts += one_of(COUNTED_NEAR_AUDITED); }
         }
+        if nearness == SETTLED { (*noted).settled += select(1u, 0x10001u, audited); }
         if audited {
             (*noted).counts += one_of(COUNTED_AUDITED);
             (*noted).audited |= bit;
@@ -451,10 +464,22 @@ fn note(noted: ptr<function, Noted>, k: u32, candidate: u32, word: u32) {
     }
 }
 
-// A count of one for an index, and of zero for the others.
+// A count of one for an index below COUNTED_SETTLED, and of zero for the others.
 fn one_of(index: u32) -> vec4u {
     let is_its_word = vec4u(0u, 1u, 2u, 3u) == vec4u(index >> 1u);
     return select(vec4u(0u), vec4u(1u << (16u * (index & 1u))), is_its_word);
+}
+
+// The counter of an index below WITH_COUNTER.
+fn counter_of(index: u32) -> u32 {
+    switch index {
+        case COUNTED_AUDITED: { return COUNTER_AUDITED; }
+        case COUNTED_NEAR: { return COUNTER_NEAR; }
+        case COUNTED_NEAR_AUDITED: { return COUNTER_NEAR_AUDITED; }
+        case COUNTED_SETTLED: { return COUNTER_SETTLED; }
+        case COUNTED_SETTLED_AUDITED: { return COUNTER_SETTLED_AUDITED; }
+        default: { return COUNTER_DARK + index; }
+    }
 }
 
 // The count of an index, from the word that holds it.
@@ -473,15 +498,14 @@ fn enqueue(noted: Noted, first: u32, lane: u32) {
     workgroupBarrier();
     var before: vec4u;
     for (var i = 0u; i < 4u; i++) { before[i] = atomicAdd(&group_counts[i], noted.counts[i]); }
+    atomicAdd(&group_counts[COUNTED_SETTLED >> 1u], noted.settled);
     let queued = countOneBits(noted.undecided) | (countOneBits(noted.traced) << 16u);
     let queued_before = atomicAdd(&group_counts[COUNTED_UNDECIDED >> 1u], queued);
     workgroupBarrier();
     if lane < WITH_COUNTER {
         // A lane for each counter and each queue.
         let counted = group_count(lane);
-        let counter = select(select(COUNTER_NEAR, COUNTER_NEAR_AUDITED, lane == COUNTED_NEAR_AUDITED), COUNTER_AUDITED,
-            lane == COUNTED_AUDITED);
-        if counted > 0u { atomicAdd(&counters[select(COUNTER_DARK + lane, counter, lane > CLASS_UNKNOWN)], counted); }
+        if counted > 0u { atomicAdd(&counters[counter_of(lane)], counted); }
         var length = select(0u, group_count(COUNTED_UNDECIDED), lane == QUEUE_QUERY);
         length = select(length, group_count(COUNTED_TRACED), lane == QUEUE_BOUNDARY);
         length = select(length, group_count(COUNTED_AUDITED), lane == QUEUE_AUDIT);

@@ -19,13 +19,13 @@ import package::lib::rng::hash2;
 import package::lib::visible_point::load_point;
 @if(audit) import package::lib::photon::photon_word;
 @if(audit) import package::lib::constants::REPAIR_PHOTONS;
-@if(audit) import package::lib::class_word::{class_of, is_decided, is_near};
+@if(audit) import package::lib::class_word::{NEAR, SETTLED, class_of, is_decided, nearness_of};
 @if(fine_cells) import package::lib::fine_cell::store_rays;
 @if(fine_cells && environment) import package::lib::light::environment::is_environment;
 import package::lib::constants::{
-    CLASS_LIT, COUNTER_AUDITS_WRONG, COUNTER_AUDITS_WRONG_NEAR, COUNTER_AUDIT_RAYS, COUNTER_OVERRUN,
-    COUNTER_PENUMBRA_RAYS, COUNTER_PENUMBRA_SEEN, COUNTER_SHADOW_RAYS, DIMENSION_SHADOW_ALPHA, QUEUE_AUDIT,
-    QUEUE_BOUNDARY, QUEUE_COUNT
+    CLASS_LIT, COUNTER_AUDITS_WRONG, COUNTER_AUDITS_WRONG_NEAR, COUNTER_AUDITS_WRONG_SETTLED, COUNTER_AUDIT_RAYS,
+    COUNTER_OVERRUN, COUNTER_PENUMBRA_RAYS, COUNTER_PENUMBRA_SEEN, COUNTER_SHADOW_RAYS, DIMENSION_SHADOW_ALPHA,
+    QUEUE_AUDIT, QUEUE_BOUNDARY, QUEUE_COUNT
 };
 
 struct ShadowParameters {
@@ -61,6 +61,7 @@ var<workgroup> penumbra_rays: atomic<u32>;
 // Audits that contradict the class, and those of them near boundaries.
 @if(audit) var<workgroup> wrong_audits: atomic<u32>;
 @if(audit) var<workgroup> wrong_near: atomic<u32>;
+@if(audit) var<workgroup> wrong_settled: atomic<u32>;
 
 // The inputs of a candidate's rays.
 struct Candidate {
@@ -280,12 +281,15 @@ fn audit(
         atomicStore(&rays_traced, 0u);
         atomicStore(&wrong_audits, 0u);
         atomicStore(&wrong_near, 0u);
+        atomicStore(&wrong_settled, 0u);
     }
     workgroupBarrier();
     if found.traced { atomicAdd(&rays_traced, 1u); }
     if found.wrong {
         atomicAdd(&wrong_audits, 1u);
-        if is_near(classes[queued.candidate]) { atomicAdd(&wrong_near, 1u); }
+        let nearness = nearness_of(classes[queued.candidate]);
+        if nearness == NEAR { atomicAdd(&wrong_near, 1u); }
+        if nearness == SETTLED { atomicAdd(&wrong_settled, 1u); }
     }
     if queued.is_active {
         visibility[queued.candidate * parameters.visibility_words] = u32(found.visible);
@@ -296,5 +300,6 @@ fn audit(
         atomicAdd(&counters[COUNTER_AUDIT_RAYS], atomicLoad(&rays_traced));
         atomicAdd(&counters[COUNTER_AUDITS_WRONG], atomicLoad(&wrong_audits));
         atomicAdd(&counters[COUNTER_AUDITS_WRONG_NEAR], atomicLoad(&wrong_near));
+        atomicAdd(&counters[COUNTER_AUDITS_WRONG_SETTLED], atomicLoad(&wrong_settled));
     }
 }

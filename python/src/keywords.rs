@@ -170,12 +170,6 @@ fn background(value: &Bound<'_, PyAny>) -> PyResult<Background> {
         Ok(name) => {
             Err(error(&format!("background is '{name}'; it must be 'environment', 'transparent' or three numbers")))
         }
-        Err(_) => {
-            let colour: [f32; 3] = value.extract()?;
-            match colour.iter().all(|x| x.is_finite() && *x >= 0.0) {
-                true => Ok(Background::Colour(colour)),
-                false => Err(error("background must be three finite numbers that are 0 or more")),
-            }
-        }
+        Err(_) => Ok(Background::Colour(value.extract()?)),
     }
 }

@@ -222,7 +222,8 @@ impl Scene {
         let wanted = take(keywords, "camera")?.map(|name| name_or_index(&name, "camera")).transpose()?;
         let direction: Option<[f32; 2]> = take_as(keywords, "direction")?;
         let frames = direction.is_some() || (wanted.is_none() && self.scene.cameras.is_empty());
-        let seen = if self.is_moment && frames { self.beginning(py)? } else { self.scene.clone() };
+        let is_of_beginning = self.is_moment && frames;
+        let seen = if is_of_beginning { self.beginning(py)? } else { self.scene.clone() };
         let mut camera = select(&seen, wanted.as_deref(), direction, aspect)?;
         let f_number: Option<f64> = take_as(keywords, "aperture")?;
         let distance: Option<f64> = take_as(keywords, "focus")?;
@@ -238,11 +239,7 @@ impl Scene {
             None => {}
         }
         // All moments have the camera at one position in the file's space; each has a normalised space of its own.
-        Ok(if self.is_moment && frames {
-            camera.renormalised(&seen.normalisation, &self.scene.normalisation)
-        } else {
-            camera
-        })
+        Ok(if is_of_beginning { camera.renormalised(&seen.normalisation, &self.scene.normalisation) } else { camera })
     }
 
     /// The scene at the beginning of the animation.

@@ -73,10 +73,6 @@ fn nearness_of(word: u32) -> u32 {
     return min(visibility, CLASS_VISIBILITY_STEPS - visibility);
 }
 
-fn is_near(word: u32) -> bool {
-    return nearness_of(word) != AWAY;
-}
-
 // Probabilities that decided candidates are audited, certain from 1 on: away from boundaries, and near them.
 struct AuditProbabilities {
     away: f32,

@@ -40,7 +40,7 @@ impl Precautions {
         let audits = AuditProbabilities { away: minimum.away.max(away), near: minimum.near.max(near) };
         // Where all decided points near boundaries would be audited, boundaries are too narrow. All audits count here:
         // mistakes that a wider boundary prevents are no longer found, so recent audits alone would narrow it again.
-        let [near, _] = totals.decided_points();
+        let [near, _] = totals.decided_points().near_and_away();
         let certain = audit_probability(near.audited as f64, near.wrong as f64) >= 1.0;
         Precautions { audits, dilate: near.wrong > 0 && certain }
     }

@@ -10,7 +10,6 @@ use super::fine_cells::FineCellMap;
 use super::light_sampler::LightSampler;
 use super::shared::{Shared, TILE_POINTS};
 use super::visibility_map::VisibilityMap;
-use crate::Result;
 use crate::kernels::Queue;
 use crate::passes::Tile;
 use crate::passes::classify::{BoundClassify, BoundShowCells, Chunk, Classify, ClassifyBuffers, ShowCells};
@@ -21,6 +20,7 @@ use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
 use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
+use crate::{Error, Result};
 
 /// Maximum number of shadow-ray candidates (point and light) in a chunk of several lights: four lights of a full tile.
 /// Classes and queues then take 32 MiB.
@@ -46,7 +46,8 @@ pub(crate) fn max_points(features: &Features, lights: usize, settings: &Settings
     }
     let lights = lights.max(1) as u32;
     if features.has(Feature::Ward) {
-        return (CHUNK_CANDIDATES / lights).max(1);
+        let words = lights.saturating_mul(settings.shadow_rays.samples.div_ceil(32));
+        return (CHUNK_CANDIDATES / lights).min(CHUNK_WORDS / words).max(1);
     }
     let considered = if features.has(Feature::LightSampling) { settings.light_sampling.sampled_lights } else { lights };
     (u32::MAX / considered.saturating_mul(settings.shadow_rays.samples)).max(1)
@@ -126,7 +127,9 @@ struct Sizes {
 }
 
 impl Sizes {
-    fn new(shared: &Shared<'_>, points: u32, lights: u32, all_at_once: bool, settings: &Settings) -> Sizes {
+    /// # Errors
+    /// [`Error::Usage`] if all lights must be in one chunk and are too many for the device.
+    fn new(shared: &Shared<'_>, points: u32, lights: u32, all_at_once: bool, settings: &Settings) -> Result<Sizes> {
         let light_samples = settings.shadow_rays.samples;
         let visibility_words = light_samples.div_ceil(32);
         // A sum of light is rounded after each chunk, so all pieces must have the same chunks, whatever the size of
@@ -135,9 +138,17 @@ impl Sizes {
         let fitting = (CHUNK_CANDIDATES / points).min(CHUNK_WORDS / (points * visibility_words));
         // For each light, `shade` iterates over the light points and over the edges of the closed form.
         let edges = shared.gpu_scene.lights.lights.iter().map(|light| light.contour_edges as u32).max().unwrap_or(0);
-        let fitting = fitting.min(SHADE_ITERATIONS / (2 + light_samples + 2 * edges)).clamp(1, lights.max(1));
+        let shaded = SHADE_ITERATIONS / (2 + light_samples + 2 * edges);
+        if all_at_once && lights > shaded && shared.gpu.is_software() {
+            return Err(Error::Usage(format!(
+                "adaptive shadow testing adds the light of all {lights} lights at once, and this device only that of \
+                 {shaded} with {light_samples} light points each; choose fewer `shadow_rays.samples`, or another \
+                 `technique`"
+            )));
+        }
+        let fitting = fitting.min(shaded).clamp(1, lights.max(1));
         let lights_in_chunk = if all_at_once { lights } else { fitting };
-        Sizes { lights, lights_in_chunk, light_samples, visibility_words }
+        Ok(Sizes { lights, lights_in_chunk, light_samples, visibility_words })
     }
 }
 
@@ -167,7 +178,7 @@ impl DirectLight {
     ) -> Result<DirectLight> {
         let Shared { gpu, scene, gpu_scene, .. } = *shared;
         let lights = inputs.light_sampler.map_or(scene.lights.len() as u32, LightSampler::lights);
-        let sizes = Sizes::new(shared, points, lights, kernels.all_lights_at_once, settings);
+        let sizes = Sizes::new(shared, points, lights, kernels.all_lights_at_once, settings)?;
         let candidates = points * sizes.lights_in_chunk;
         let classes_shown = settings.image.aovs.contains(&Aov::Shadow);
         let shadow_samples = || gpu.buffer::<[f32; 4]>("penumbra/shade/shadow_samples", candidates as usize);

@@ -5,6 +5,8 @@ use glam::DVec4;
 use serde::Serialize;
 
 use super::denoise::Colour;
+use super::pieces::sums::{Total, half_of, max_nodes};
+use crate::light_transport::shared::{TILE_POINTS, TILE_SAMPLES};
 use crate::passes::film::{Plane, Sum};
 use crate::settings::stages::grows;
 use crate::settings::{Aov, Denoise, Settings};
@@ -26,6 +28,10 @@ const INPUT: u64 = 3 * (size_of::<DVec4>() as u64 + COLOUR) + size_of::<Sum>() a
 /// and of the filter (1), means of noise (4), distributions (6); the ratio of the noise, and whether the pixel is
 /// clean.
 const MIXTURE: u64 = (3 + 3 + 3 + 1 + 3) * COLOUR + (3 + 1 + 4 + 6) * NUMBER + CHANNEL + 1;
+
+/// Bytes of a pixel while adaptive sampling estimates its error: the colours of all samples and of two halves, those by
+/// which noise is measured, and their medians (5), the error, and the number of samples.
+const ERRORS: u64 = 5 * COLOUR + NUMBER + CHANNEL;
 
 /// Bytes that an image takes at least, so that no render is refused that would succeed.
 ///
@@ -54,7 +60,7 @@ impl ImageMemory {
         let pixels = u64::from(crop.width) * u64::from(crop.height);
         ImageMemory {
             host: pixels * bytes_of_image(settings, has_indirect),
-            film: pixels * planes(features, has_indirect, settings) * Plane::PIXEL_BYTES,
+            film: pixels * bytes_of_sums(features, has_indirect, settings),
         }
     }
 
@@ -95,21 +101,35 @@ pub(super) fn has_room(bytes: u64, settings: &Settings, has_indirect: bool) -> b
     memory::available().is_none_or(|available| bytes + image <= available)
 }
 
-/// Whether there is a second sample: a render that is to end in time may have a single one.
+/// Whether there is a second sample: a render that is to end in time may have a single one, but shows no noise then.
 fn has_second_sample(settings: &Settings) -> bool {
-    (2..Settings::UNLIMITED_SPP).contains(&settings.image.spp)
+    let image = &settings.image;
+    image.spp > 1 && (image.spp < Settings::UNLIMITED_SPP || image.noise.is_some())
 }
 
-/// The number of planes of the film that samples fill. Those of classes are left out, as in [`channels`].
-fn planes(features: &Features, has_indirect: bool, settings: &Settings) -> u64 {
+/// Bytes of a pixel's sums of samples. Those of classes are left out, as in [`channels`].
+fn bytes_of_sums(features: &Features, has_indirect: bool, settings: &Settings) -> u64 {
     let has = |feature| u64::from(features.has(feature));
     let components = 1 + u64::from(has_indirect);
     let aovs = [Feature::AovAlbedo, Feature::AovNormal, Feature::AovPosition].map(has).iter().sum::<u64>();
     let variance = u64::from(settings.image.aovs.contains(&Aov::Variance));
+    let sums = components + aovs + variance + 3 * has(Feature::Guides);
+    let image = &settings.image;
+    if let Some(range) = image.piece {
+        let half = half_of(image);
+        let squares = components * u64::from(half.is_some());
+        return (sums + squares) * max_nodes(range, half, batch_of_piece(settings)) * size_of::<Total>() as u64;
+    }
     // The second snapshot is not filled by a single sample.
     let snapshots = 1 + u64::from(has_second_sample(settings));
     let of_errors = if settings.estimates_error() { components * (snapshots + has(Feature::Guides)) } else { 0 };
-    components + aovs + variance + 3 * has(Feature::Guides) + of_errors
+    (sums + of_errors) * Plane::PIXEL_BYTES
+}
+
+/// The most samples per pixel that a batch of a piece may have: one if no tile holds two samples of all pixels.
+fn batch_of_piece(settings: &Settings) -> u32 {
+    let crop = settings.image.crop_window();
+    if u64::from(crop.width) * u64::from(crop.height) > u64::from(TILE_POINTS / 2) { 1 } else { TILE_SAMPLES }
 }
 
 /// Bytes of a pixel's channels, and of what denoisers take.
@@ -117,10 +137,15 @@ fn bytes_of_image(settings: &Settings, has_indirect: bool) -> u64 {
     // Means from which the growth of indirect light is decided, if there is a second sample.
     let has_means = grows(settings) && has_indirect && has_second_sample(settings);
     let raw = channels(&settings.image.aovs) + CHANNEL * u64::from(has_means);
-    if settings.image.denoise == Denoise::None || settings.image.piece.is_some() {
+    if settings.image.piece.is_some() {
         return raw;
     }
-    raw + denoisers(has_indirect, has_second_sample(settings))
+    if settings.image.denoise != Denoise::None {
+        return raw + denoisers(has_indirect, has_second_sample(settings));
+    }
+    // Errors are estimated before the channels are made.
+    let adapts = settings.image.noise.is_some() || settings.image.allocates_samples();
+    if adapts && has_second_sample(settings) { raw.max(ERRORS) } else { raw }
 }
 
 /// Bytes of a pixel that denoisers take. Halves of the samples are there after the second one.
@@ -154,4 +179,54 @@ fn remedy(settings: &Settings) -> String {
         remedies.push("`image.denoise` none");
     }
     format!("choose {}, or a part of the image with `image.crop`", remedies.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{SampleRange, Sampling};
+
+    /// A piece of an image larger than a tile adds samples one by one. Before the last of 256 there are the sums of
+    /// 128, 64, 32, 16, 8, 4, 2 and 1 samples, and that of the last one. Denoisers need squares of the light and three
+    /// guides.
+    #[test]
+    fn pieces_count_all_sums_that_they_hold() {
+        let bytes = |denoise: Denoise, [width, height]: [u32; 2], [first, end]: [u32; 2]| {
+            let settings = Settings::builder().size(width, height).spp(256).build().unwrap();
+            let settings = settings.with(|s| {
+                s.image.denoise = denoise;
+                s.image.piece = Some(SampleRange { first, end });
+            });
+            let features = Features::default().with(Feature::Guides, denoise != Denoise::None);
+            ImageMemory::of(&features, true, &settings).film
+        };
+        let pixels = 4096 * 2160;
+        assert_eq!(bytes(Denoise::None, [4096, 2160], [0, 256]), pixels * 9 * 2 * 32);
+        assert_eq!(bytes(Denoise::None, [4096, 2160], [0, 1]), pixels * 2 * 32);
+        assert_eq!(bytes(Denoise::Statistical, [4096, 2160], [0, 256]), pixels * 9 * (2 + 2 + 3) * 32);
+        // Eight samples at a time: before the last batch, sums of 128, 64, 32, 16 and 8.
+        assert_eq!(bytes(Denoise::None, [64, 32], [0, 256]), 64 * 32 * 6 * 2 * 32);
+    }
+
+    /// Adaptive sampling has colours of the image, of its halves, and medians, whether it ends by noise or by a budget.
+    #[test]
+    fn adaptive_sampling_counts_its_estimates() {
+        let host = |change: &dyn Fn(&mut Settings)| {
+            let settings = Settings::builder().size(100, 50).spp(4).build().unwrap().with(|s| change(s));
+            ImageMemory::of(&Features::default(), false, &settings).host / 5000
+        };
+        let noise = |s: &mut Settings| (s.image.noise, s.image.spp) = (Some(0.01), Settings::UNLIMITED_SPP);
+        assert_eq!(host(&|_| ()), 4 * 4);
+        assert_eq!(host(&noise), 5 * 12 + 8 + 4);
+        assert_eq!(host(&|s| s.image.sampling = Sampling::Adaptive), 5 * 12 + 8 + 4);
+        // Denoisers of the halves take more.
+        let denoised = |s: &mut Settings| s.image.denoise = Denoise::Statistical;
+        assert_eq!(
+            host(&|s| {
+                noise(s);
+                denoised(s);
+            }),
+            host(&denoised)
+        );
+    }
 }

@@ -141,6 +141,8 @@ pub(super) fn source(texture: &Json, images: &[Encoded]) -> Result<Option<usize>
         let image = source.index(images.len(), "image")?;
         match images[image].content {
             Content::Known(format, _) if formats.contains(&format) => {}
+            // Its other form will do.
+            Content::Broken if shown.is_some() => continue,
             Content::Broken => {}
             _ => return Err(source.error(format!("image {image} is {problem}"))),
         }
@@ -180,7 +182,10 @@ impl Encoded<'_> {
             Error::Input { problem, .. } => problem.clone(),
             other => other.to_string(),
         };
-        notes.push(format!("image \"{}\" is left out, and so are the textures that show it: {problem}", self.name));
+        notes.push(format!(
+            "image \"{}\" is left out, and so are the textures that have no other image: {problem}",
+            self.name
+        ));
         self.content = Content::Broken;
     }
 

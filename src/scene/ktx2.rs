@@ -19,6 +19,13 @@ const HEADER: usize = 80;
 const LEVEL: usize = 24;
 const DESCRIPTORS: [usize; 2] = [44, 60];
 
+/// Byte of a descriptor whose lower half is the channel of its first sample; and the channels of images that have green
+/// where others have alpha (Khronos Data Format 1.3, models ETC1S and UASTC): ETC1S with a sample for red, whose second
+/// one is green, and UASTC with red three times and green.
+const CHANNEL: usize = 31;
+const ETC1S_RRR: u8 = 3;
+const UASTC_RRRG: u8 = 5;
+
 /// Bytes of a block of 4 x 4 texels in UASTC.
 const UASTC_BLOCK: u64 = 16;
 
@@ -136,11 +143,23 @@ impl<'a> Ktx2<'a> {
         let decoded =
             Transcoder::new(&file).and_then(|file| file.transcode(0, TargetFormat::Rgba32, DecodeFlags::NONE));
         let decoded = decoded.map_err(|problem| format!("cannot be decoded: {problem:?}"))?;
-        let texels = decoded.as_chunks::<4>().0.to_vec();
+        let mut texels = decoded.as_chunks::<4>().0.to_vec();
+        if self.has_green_for_alpha() {
+            texels.iter_mut().for_each(|texel| *texel = [texel[0], texel[3], 0, 255]);
+        }
         if texels.len() as u64 != u64::from(self.size[0]) * u64::from(self.size[1]) {
             return Err("cannot be decoded: texels are missing".into());
         }
         Ok(texels)
+    }
+
+    /// Whether it has two channels, R and G, the second of which is stored as alpha is in others.
+    fn has_green_for_alpha(&self) -> bool {
+        let channel = self.descriptor[CHANNEL] & 0xf;
+        match self.coding {
+            Coding::Etc1s => channel == ETC1S_RRR && self.descriptor.len() == DESCRIPTORS[1],
+            Coding::Uastc | Coding::UastcZstandard => channel == UASTC_RRRG,
+        }
     }
 
     fn inflate(&self) -> Result<Vec<u8>> {

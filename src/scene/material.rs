@@ -230,8 +230,8 @@ impl Material {
     /// Emits light, and reflects nothing and lets nothing pass.
     pub(crate) fn is_black_lamp(&self) -> bool {
         let reflects = self.base_colour.truncate() != Vec3::ZERO || self.specular.factor > 0.0;
-        let passes = self.has_reflecting_lobe() || self.has_transmitting_lobe();
-        self.emissive != Vec3::ZERO && !reflects && !passes
+        let has_lobes = self.has_reflecting_lobe() || self.has_transmitting_lobe();
+        self.emissive != Vec3::ZERO && !reflects && !has_lobes
     }
 
     /// Has a volume behind its surface that light enters. Without a lobe that lets light pass, KHR_materials_volume has

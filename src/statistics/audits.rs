@@ -12,7 +12,8 @@ pub struct Audits {
     pub wrong: u64,
     /// Estimated miss bias: the mean of |V - c| over all points.
     pub miss_bias: f64,
-    /// Its 95 % interval, combined from Jeffreys intervals for points near boundaries and for the others.
+    /// Its 95 % interval, combined from Jeffreys intervals for points near boundaries, in settled cells, and for the
+    /// others.
     pub miss_bias_interval: [f64; 2],
 }
 

@@ -35,12 +35,19 @@ pub enum Counter {
     Boundary,
     /// [`super::Points::unknown`].
     Unknown,
-    /// Decided points near boundaries: with photons of both kinds in reach of their cell.
+    /// Decided points near boundaries: with photons of both kinds in reach of their cell, or in a part of a divided
+    /// cell that has few photons.
     Near,
-    /// Points near boundaries that are audited.
+    /// Those of them that are audited.
     NearAudited,
+    /// Decided points in parts of divided cells that have many photons.
+    Settled,
+    /// Those of them that are audited.
+    SettledAudited,
     /// Audited points near boundaries whose shadow ray contradicted the class.
     AuditsWrongNear,
+    /// Audited points in settled cells whose shadow ray contradicted the class.
+    AuditsWrongSettled,
     /// [`super::Conditioning::near_overflow`].
     NearOverflow,
     /// [`super::Conditioning::heavy_paths`].
@@ -68,5 +75,5 @@ pub enum Counter {
 
 impl Counter {
     /// Words of the buffer `counters`.
-    pub const COUNT: usize = 29;
+    pub const COUNT: usize = 32;
 }

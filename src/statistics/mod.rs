@@ -41,7 +41,7 @@ pub struct Statistics {
     pub indirect: Indirect,
     /// Results of the audits.
     pub audits: Audits,
-    /// Samples that were not finite, and left out of the image.
+    /// Samples that were not finite, and left out of the image, counted for direct light, indirect light and each AOV.
     pub not_finite: u64,
     /// Numerical problems and limits that the render met.
     pub conditioning: Conditioning,

@@ -10,12 +10,38 @@ use crate::{Error, Result};
 const MAX_OVERRUNS: f64 = 1e-3;
 
 /// Points that are lit or shadowed by class.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Decided {
     pub points: u64,
     pub audited: u64,
     /// Audited ones whose shadow ray contradicted the class.
     pub wrong: u64,
+}
+
+/// Decided points that are audited with one probability each.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct DecidedPoints {
+    pub near: Decided,
+    /// In settled cells, which are near boundaries as well.
+    pub settled: Decided,
+    pub away: Decided,
+}
+
+impl DecidedPoints {
+    fn strata(self) -> [Decided; 3] {
+        [self.near, self.settled, self.away]
+    }
+
+    /// Near boundaries, settled or not, and away from them.
+    pub fn near_and_away(self) -> [Decided; 2] {
+        let DecidedPoints { near, settled, away } = self;
+        let all_near = Decided {
+            points: near.points + settled.points,
+            audited: near.audited + settled.audited,
+            wrong: near.wrong + settled.wrong,
+        };
+        [all_near, away]
+    }
 }
 
 /// Audits, and the mistakes that they found; later samples have more weight.
@@ -29,10 +55,10 @@ pub(crate) struct RecentAudits {
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Totals {
     counters: [u64; Counter::COUNT],
-    /// Decided points of batches with audits, near boundaries and away from them.
-    decided: [u64; 2],
+    /// Decided points of batches with audits, by [`DecidedPoints::strata`].
+    decided: [u64; 3],
     /// Estimated number of these points that have a wrong class.
-    wrong: [f64; 2],
+    wrong: [f64; 3],
     /// Recent audits near boundaries, and away from them.
     recent_audits: [RecentAudits; 2],
     camera_rays: u64,
@@ -184,22 +210,32 @@ impl Totals {
             wrong,
             found: if of == 0 { 0.0 } else { found / of as f64 },
         };
-        let [near, away] = self.decided_points();
-        Audits::new(&[stratum(near, (self.decided[0], self.wrong[0])), stratum(away, (self.decided[1], self.wrong[1]))])
+        let found = self.decided.into_iter().zip(self.wrong);
+        let strata: Vec<Stratum> = self
+            .decided_points()
+            .strata()
+            .into_iter()
+            .zip(found)
+            .map(|(points, found)| stratum(points, found))
+            .collect();
+        Audits::new(&strata)
     }
 
-    /// Near boundaries, and away from them.
-    pub fn decided_points(&self) -> [Decided; 2] {
+    pub fn decided_points(&self) -> DecidedPoints {
         let counts = |counters: [Counter; 3]| counters.map(|counter| self.get(counter));
-        let [points, audited, wrong] = counts([Counter::Near, Counter::NearAudited, Counter::AuditsWrongNear]);
-        let near = Decided { points, audited, wrong };
+        let of = |counters: [Counter; 3]| {
+            let [points, audited, wrong] = counts(counters);
+            Decided { points, audited, wrong }
+        };
+        let near = of([Counter::Near, Counter::NearAudited, Counter::AuditsWrongNear]);
+        let settled = of([Counter::Settled, Counter::SettledAudited, Counter::AuditsWrongSettled]);
         let [lit, shadowed, audited] = counts([Counter::Lit, Counter::Shadowed, Counter::Audited]);
         let away = Decided {
-            points: lit + shadowed - near.points,
-            audited: audited - near.audited,
-            wrong: self.get(Counter::AuditsWrong) - near.wrong,
+            points: lit + shadowed - near.points - settled.points,
+            audited: audited - near.audited - settled.audited,
+            wrong: self.get(Counter::AuditsWrong) - near.wrong - settled.wrong,
         };
-        [near, away]
+        DecidedPoints { near, settled, away }
     }
 
     /// Audits near boundaries, and away from them. Later audits have more weight: earlier ones are scaled by the share
@@ -211,17 +247,22 @@ impl Totals {
 
     /// Adds the audits of a batch; `before` are the decided points before it. Batches have different probabilities of
     /// audits.
-    pub fn add_audits(&mut self, before: &[Decided; 2]) {
-        for (i, (now, before)) in self.decided_points().iter().zip(before).enumerate() {
+    pub fn add_audits(&mut self, before: &DecidedPoints) {
+        let all = self.decided_points();
+        for (i, (now, before)) in all.strata().iter().zip(before.strata()).enumerate() {
             let (points, audited) = (now.points - before.points, now.audited - before.audited);
             if audited > 0 {
-                let wrong = (now.wrong - before.wrong) as f64;
                 self.decided[i] += points;
-                self.wrong[i] += wrong * points as f64 / audited as f64;
+                self.wrong[i] += (now.wrong - before.wrong) as f64 * points as f64 / audited as f64;
+            }
+        }
+        let both = all.near_and_away().into_iter().zip(before.near_and_away());
+        for (recent, (now, before)) in self.recent_audits.iter_mut().zip(both) {
+            let audited = now.audited - before.audited;
+            if audited > 0 {
                 let weight = before.points as f64 / now.points as f64;
-                let recent = &mut self.recent_audits[i];
                 recent.audited = weight * recent.audited + audited as f64;
-                recent.wrong = weight * recent.wrong + wrong;
+                recent.wrong = weight * recent.wrong + (now.wrong - before.wrong) as f64;
             }
         }
     }
@@ -246,6 +287,34 @@ mod tests {
         let [near, away] = totals.recent_audits();
         assert_eq!([near.audited, near.wrong], [0.0; 2]);
         assert_eq!([away.audited, away.wrong], [125.0, 0.5]);
+    }
+
+    /// Settled cells are audited a quarter as often as others near boundaries. Of 1,000 points near boundaries all are
+    /// audited, and 10 are wrong; of 4,000 in settled cells one in four is, and 2 of 1,000 are wrong, so 8 of all. That
+    /// is 18 of 5,000; all audits taken together would give 12 of 2,000, or 30 of 5,000.
+    #[test]
+    fn settled_cells_are_a_stratum() {
+        let mut totals = Totals::default();
+        for (counter, count) in [
+            (Counter::Lit, 5000),
+            (Counter::Near, 1000),
+            (Counter::Settled, 4000),
+            (Counter::Audited, 2000),
+            (Counter::NearAudited, 1000),
+            (Counter::SettledAudited, 1000),
+            (Counter::AuditsWrong, 12),
+            (Counter::AuditsWrongNear, 10),
+            (Counter::AuditsWrongSettled, 2),
+        ] {
+            totals.count(counter, count);
+        }
+        totals.add_audits(&DecidedPoints::default());
+        let audits = totals.audits();
+        assert!((audits.miss_bias - 18.0 / 5000.0).abs() < 1e-12, "{}", audits.miss_bias);
+        assert_eq!((audits.audited, audits.wrong), (2000, 12));
+        // Both count as near where the probabilities of audits are chosen.
+        let [near, away] = totals.recent_audits();
+        assert_eq!([near.audited, near.wrong, away.audited], [2000.0, 12.0, 0.0]);
     }
 
     /// Two batches with different audit probabilities. Of 1,000 points, one in two is audited, and 10 of 500 audits are

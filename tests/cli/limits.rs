@@ -291,6 +291,30 @@ fn an_environment_alone() {
     }
 }
 
+/// Adaptive shadow testing adds all lights at once. On lavapipe 100 of them with 1,024 light points each are more
+/// iterations than an invocation has, which would end without an error and lose light.
+#[test]
+fn too_many_lights_for_adaptive_shadow_testing() {
+    let folder = folder();
+    let render = |samples: u32| {
+        let nodes = std::iter::repeat_n(sun(0.0), 100).chain([eye([0.0, 0.0, 1.0])]).collect();
+        let scene = wall(folder.path(), &suns(PI / 100.0), nodes);
+        let arguments = format!(
+            "render --device {} --width 16 --height 16 --spp 1 --technique ward-adaptive --shadow-samples {samples} \
+             --max-bounces 0 -o",
+            device()
+        );
+        run(&arguments, &[&folder.path().join("a.exr"), &scene])
+    };
+    render(64).assert_done();
+    let answer = render(1024);
+    if device() == "software" {
+        answer.assert_refused(2, &["all 100 lights at once", "--shadow-samples", "--technique"]);
+    } else {
+        answer.assert_done();
+    }
+}
+
 /// A hundred thousand suns, every second one at 60 degrees, together give the irradiance pi. A few of them are sampled
 /// at each point, so that there is time for photons.
 #[test]

@@ -2,9 +2,12 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::path::Path;
 
-use kernel_kit::Feature as _;
+use kernel_kit::{DeviceChoice, Feature as _, Gpu};
 use penumbra::internal::specialisation::features::Feature;
+use penumbra::settings::{Aov, Denoise, Technique};
+use penumbra::{ImportOptions, Renderer, Scene, Settings};
 use serde_json::Value;
 
 use crate::program::{BOX, STILL_LIFE, folder, penumbra, run};
@@ -122,7 +125,8 @@ fn the_text_says_what_the_json_says() {
 /// for all quantities that are summed. Without a denoiser it is less.
 #[test]
 fn the_plan_says_how_much_memory_the_image_takes() {
-    let folder = folder();
+    let gpu = Gpu::open(&DeviceChoice::Software).unwrap();
+    let scene = Scene::load(Path::new(BOX), &ImportOptions::default()).unwrap();
     // 32 rows fill a tile, so that all other buffers have the same size.
     let of = |rows: u32| -> [u64; 2] {
         let arguments = format!(
@@ -134,11 +138,11 @@ fn the_plan_says_how_much_memory_the_image_takes() {
         assert!(
             memory("raw", "film") < memory("denoised", "film") && memory("raw", "host") < memory("denoised", "host")
         );
-        let [image, statistics] = ["a.exr", "a.json"].map(|name| folder.path().join(name));
-        let render = format!("render {arguments} --denoise statistical --stats");
-        run(&render, &[&statistics, &"-o", &image, &BOX]).assert_done();
-        let statistics: Value = serde_json::from_slice(&fs::read(statistics).unwrap()).unwrap();
-        [memory("denoised", "film"), statistics["memory"]["frame"].as_u64().unwrap()]
+        let aovs = [Aov::Albedo, Aov::Normal, Aov::Position, Aov::Depth, Aov::Variance];
+        let settings = Settings::builder().technique(Technique::PATH).max_bounces(1).size(16_384, rows).spp(2);
+        let settings = settings.aovs(aovs).denoise(Denoise::Statistical).build().unwrap();
+        let renderer = Renderer::new(&gpu, scene.clone(), &scene.cameras[0], &settings).unwrap();
+        [memory("denoised", "film"), renderer.statistics().unwrap().memory.frame]
     };
     let ([planned, frame], [more_planned, more_frame]) = (of(32), of(33));
     assert_eq!(more_planned - planned, more_frame - frame);

@@ -5,12 +5,17 @@ use std::collections::BTreeMap;
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 use kernel_kit::{Buffer, Gpu, Kernel, Resources, kernel_test};
-use penumbra::internal::kernels::{Class, compose_source};
+use penumbra::internal::kernels::{Class, Classified, Queue, compose_source};
+use penumbra::internal::passes::classify::{AuditProbabilities, Chunk, Classify, ClassifyBuffers};
 use penumbra::internal::passes::fine_cells::{FineCell, FineCellTable, FineCellView, FineCells};
+use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
+use penumbra::internal::statistics::Counter;
 
-use crate::kit::{device_features, new_kernel};
+use crate::kit::{device_features, new_kernel, published};
 use crate::random::Random;
+use crate::rooms::point;
+use crate::stage::whole;
 
 const NEAREST: u32 = 20;
 const VIEW: FineCellView =
@@ -253,6 +258,57 @@ fn cells_decide_as_their_photons_tell(gpu: &Gpu) {
     assert!(settled > 500, "{settled} settled: no test");
     assert!(compare(gpu, true, 2).wrong > 100, "a planted fault");
     assert!(compare(gpu, false, 3).wrong > 100, "a planted fault");
+}
+
+/// Pass `classify` counts candidates near boundaries and in settled cells apart. With the audit probability of 1 near
+/// boundaries, a quarter of the settled ones are audited.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn candidates_count_by_the_nearness_of_their_cells(gpu: &Gpu) {
+    let device = Device::new(gpu, VIEW);
+    let mut random = Random(7);
+    for _ in 0..5 {
+        let rays = points(&mut random, 16_000);
+        device.run("store", &rays, rays.len());
+        device.classify();
+    }
+    let points: Vec<Point> =
+        points(&mut random, 20_001).iter().map(|rays| point(rays.position.into(), rays.normal.into())).collect();
+    let tile = Tile { seed: 0, ..whole([points.len() as u32, 1], 1) };
+    let chunk = Chunk { first_light: 0, lights: 2, dilate: 0, audits: AuditProbabilities { away: 0.5, near: 1.0 } };
+    let candidates = 2 * points.len();
+    let mut tile_buffers = TileBuffers::new(gpu, &features(gpu), tile.point_count, false).unwrap();
+    tile_buffers.points = published(gpu, "test/points", &points);
+    let mut buffers = ClassifyBuffers::new(gpu, candidates as u32).unwrap();
+    buffers.classes = gpu.poisoned::<u32>("test/classes", candidates).unwrap();
+    let pass = Classify::new(gpu, &features(gpu), NEAREST).unwrap();
+    let bound = pass.bind(gpu, &tile_buffers, None, &buffers, &device.table.bindings()).unwrap();
+    let mut frame = gpu.frame("test");
+    bound.classify(&mut frame, &buffers, &tile, &chunk);
+    frame.submit().unwrap();
+    let words: Vec<u32> = gpu.read(&buffers.classes, candidates).unwrap();
+    let counters: Vec<u32> = gpu.read(&tile_buffers.counters, Counter::COUNT).unwrap();
+    let lengths: Vec<u32> = gpu.read(&buffers.queue_lengths, Queue::COUNT).unwrap();
+    let audited: Vec<u32> = gpu.read(&buffers.audit_queue, lengths[Queue::Audit as usize] as usize).unwrap();
+    // The visibility of a decided candidate is this many steps from its class.
+    let nearness = |word: u32| {
+        let is_decided = matches!(Classified::new(word).class, Class::Lit | Class::Shadowed);
+        is_decided.then(|| (word >> 21).min(2047 - (word >> 21)))
+    };
+    let count = |words: &mut dyn Iterator<Item = u32>, steps: u32| {
+        words.filter(|word| nearness(*word) == Some(steps)).count() as u32
+    };
+    let all = [1, 2].map(|steps| count(&mut words.iter().copied(), steps));
+    let of_audited = [0, 1, 2].map(|steps| count(&mut audited.iter().map(|c| words[*c as usize]), steps));
+    let counter = |counter: Counter| counters[counter as usize];
+    assert_eq!([counter(Counter::Near), counter(Counter::Settled)], all);
+    assert_eq!([counter(Counter::NearAudited), counter(Counter::SettledAudited)], of_audited[1..]);
+    assert_eq!(counter(Counter::Audited), of_audited.iter().sum::<u32>());
+    let [near, settled] = all;
+    assert!(near > 500 && settled > 500, "{near} near, {settled} settled: no test");
+    assert_eq!(of_audited[1], near);
+    // Five standard deviations of a binomial.
+    let deviation = f64::from(of_audited[2]) - 0.25 * f64::from(settled);
+    assert!(deviation.abs() < 5.0 * (f64::from(settled) * 0.25 * 0.75).sqrt(), "{deviation} of {settled}");
 }
 
 /// Points of more than 65,535 workgroups all count, as few do.

@@ -234,15 +234,19 @@ fn audits_find_wrong_classes_and_repair_the_map(gpu: &Gpu) {
     let light_points = setup.candidates.light_points(gpu);
     let mut random = Random(4);
     let classes: Vec<u32> = (0..candidates)
-        .map(|_| match (random.uniform() * 5.0) as u32 {
+        .map(|_| match (random.uniform() * 7.0) as u32 {
             0 => LIT | 2047 << 21,
             1 => LIT | 2046 << 21,
             2 => SHADOWED,
             3 => SHADOWED | 1 << 21,
+            4 => LIT | 2045 << 21,
+            5 => SHADOWED | 2 << 21,
             _ => BOUNDARY,
         })
         .collect();
-    let near = |word: u32| !matches!(word >> 21, 0 | 2047);
+    // Near boundaries by one step of the visibility, in settled cells by two.
+    let near = |word: u32| matches!(word >> 21, 1 | 2046);
+    let settled = |word: u32| matches!(word >> 21, 2 | 2045);
     for (length, capacity) in
         [(0, 10), (1, 10), (63, 0), (64, 10), (65, 10), (candidates - 5, 10), (candidates - 5, 2000)]
     {
@@ -251,7 +255,7 @@ fn audits_find_wrong_classes_and_repair_the_map(gpu: &Gpu) {
         let queue: Vec<u32> = (0..candidates as u32).rev().take(length).collect();
         let outcome = setup.run(gpu, &classes, &[], &queue);
         let mut expected_words = vec![POISON; candidates * setup.candidates.words()];
-        let (mut rays, mut wrong, mut wrong_near) = (0, 0, 0);
+        let (mut rays, mut wrong, mut wrong_near, mut wrong_settled) = (0, 0, 0, 0);
         let mut repaired: Vec<([u32; 3], u32)> = Vec::new();
         let mut differences = [0, 0];
         // Boundaries that dilation made are left out.
@@ -273,6 +277,7 @@ fn audits_find_wrong_classes_and_repair_the_map(gpu: &Gpu) {
             if traced && is_visible != lit {
                 wrong += 1;
                 wrong_near += u32::from(near(classes[candidate]));
+                wrong_settled += u32::from(settled(classes[candidate]));
                 let point = &setup.candidates.points[candidate % setup.candidates.points.len()];
                 // Up or down: the middle of x, and the last or the first of the 127 levels of y.
                 let normal = if point.normal == oct_encode(DVec3::Y) { 63 | 126 << 7 } else { 63 };
@@ -282,8 +287,12 @@ fn audits_find_wrong_classes_and_repair_the_map(gpu: &Gpu) {
             }
         }
         assert!(outcome.visibility == expected_words, "{length} audits");
-        let expected =
-            [(Counter::AuditRays, rays), (Counter::AuditsWrong, wrong), (Counter::AuditsWrongNear, wrong_near)];
+        let expected = [
+            (Counter::AuditRays, rays),
+            (Counter::AuditsWrong, wrong),
+            (Counter::AuditsWrongNear, wrong_near),
+            (Counter::AuditsWrongSettled, wrong_settled),
+        ];
         assert_eq!(outcome.counters, counts(&expected), "{length} audits");
         assert_eq!(outcome.repair_count, wrong);
         let kept = wrong.min(capacity) as usize;
@@ -304,7 +313,8 @@ fn audits_find_wrong_classes_and_repair_the_map(gpu: &Gpu) {
             assert_eq!(photons.len(), kept);
         }
         if length > 65 {
-            assert!(wrong > 100 && wrong_near > 50, "{wrong} wrong, {wrong_near} near: no test");
+            let (near, settled) = (wrong_near, wrong_settled);
+            assert!(wrong > 100 && near > 50 && settled > 50, "{wrong} wrong, {near} near, {settled} settled: no test");
             assert_eq!(differences[0], 0);
             assert!(differences[1] > 10, "the light points of shadow rays give {} differences", differences[1]);
         }

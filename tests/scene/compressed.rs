@@ -360,6 +360,44 @@ fn ktx2_is_near_its_source() {
     }
 }
 
+/// Files of two channels have green where others have alpha. By the Khronos Data Format, a sample's channel is in the
+/// lower half of its byte 3: of ETC1S 3 for RRR, 4 for GGG; of UASTC 5 for RRRG.
+#[test]
+fn ktx2_of_two_channels_has_red_and_green() {
+    let codings = [("etc1s", &[3, 4][..]), ("uastc", &[5]), ("uastc-zstd", &[5])];
+    for (name, channels) in codings {
+        let mut coded = fixture(&format!("{name}.ktx2"));
+        let descriptor = u32::from_le_bytes(coded[48..52].try_into().unwrap()) as usize;
+        for (sample, channel) in channels.iter().enumerate() {
+            let byte = &mut coded[descriptor + 28 + 16 * sample + 3];
+            *byte = *byte & 0xf0 | channel;
+        }
+        let scene = textured(&coded, Some("KHR_texture_basisu")).load();
+        let whole = fixture(&format!("{}.rgba", name.trim_end_matches("-zstd")));
+        let expected: Vec<[u8; 4]> = whole.as_chunks().0.iter().map(|[r, _, _, a]| [*r, *a, 0, 255]).collect();
+        assert!(scene.images[0].texels == expected, "{name}");
+    }
+}
+
+/// A compressed image that is damaged, in its header or in its texels, leaves the PNG beside it to a lenient import.
+#[test]
+fn a_damaged_form_leaves_the_other_one() {
+    let lenient = ImportOptions { lenient: true, ..Default::default() };
+    let coded = webp(7, 5, &[[1, 2, 3, 255]; 35]);
+    let mut damaged = fixture("uastc-zstd.ktx2");
+    let last = damaged.len() - 8;
+    damaged[last..].fill(0x55);
+    let files = [(&coded[..20], "EXT_texture_webp"), (&damaged[..], "KHR_texture_basisu")];
+    for (bytes, extension) in files {
+        let file = textured(bytes, Some(extension));
+        assert!(file.load_with(&ImportOptions::default()).unwrap_err().to_string().contains("/images/1"));
+        let scene = file.load_with(&lenient).unwrap();
+        assert_eq!(scene.images[0].texels, [[9, 9, 9, 255]], "{extension}");
+        assert!(scene.materials[0].texture_infos().next().is_some());
+        assert!(scene.notes.iter().any(|note| note.contains("is left out")), "{:?}", scene.notes);
+    }
+}
+
 /// Every byte of the headers, and any cut, gives an image or an error at the image.
 #[test]
 fn damaged_ktx2_is_refused() {

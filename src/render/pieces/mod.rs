@@ -10,7 +10,7 @@
 mod coverage;
 mod file;
 mod merge;
-mod sums;
+pub(in crate::render) mod sums;
 
 pub use coverage::MissingSamples;
 pub use merge::Pieces;

@@ -23,7 +23,7 @@ use crate::settings::{Denoise, ImageSettings, SampleRange};
 /// The sum of some samples of a pixel: about 48 bits in two words of each of x, y and z.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Total {
+pub(in crate::render) struct Total {
     pub value: [f32; 4],
     /// x, y and z: the rounding errors of the values; w: the number of samples that were left out because they were not
     /// finite.
@@ -99,6 +99,14 @@ pub(super) fn nodes_of(SampleRange { mut first, end }: SampleRange, half: Option
         first += count;
     }
     nodes
+}
+
+/// The most nodes that a piece of some samples has at a time, or fewer: those before a batch that ends at a multiple of
+/// `batch`, which no batch passes, and at least one of the batch.
+pub(in crate::render) fn max_nodes(SampleRange { first, end }: SampleRange, half: Option<u32>, batch: u32) -> u64 {
+    let nodes = |end: u32| nodes_of(SampleRange { first, end }, half).len() as u64;
+    let ends = (first..end).filter(|end| end.is_multiple_of(batch));
+    ends.map(|end| nodes(end) + 1).max().unwrap_or(1)
 }
 
 /// Puts a node after others, and joins halves, but not the samples 0 to `half` - 1 with the next ones.
@@ -288,7 +296,7 @@ fn squares(one: &[[f32; 4]], other: &[[f32; 4]]) -> Vec<[f32; 4]> {
 
 /// The number of samples in the first half of the image, which denoisers compare with the second; `None` without
 /// denoisers.
-pub(super) fn half_of(image: &ImageSettings) -> Option<u32> {
+pub(in crate::render) fn half_of(image: &ImageSettings) -> Option<u32> {
     (image.denoise != Denoise::None && image.spp > 1).then(|| first_half(image.spp))
 }
 
@@ -316,6 +324,31 @@ mod tests {
     fn node(range: SampleRange) -> Node {
         let total = total_of_node(&|i| sample(range.first + i), 0, range.count());
         Node { range, quantities: vec![vec![total]] }
+    }
+
+    /// As many nodes as there are when batches are added one by one.
+    #[test]
+    fn the_maximum_of_nodes_is_counted() {
+        for SampleRange { first, end } in [[0, 1], [0, 8], [0, 64], [0, 255], [0, 256], [0, 257], [3, 77], [64, 128]]
+            .map(|[first, end]| SampleRange { first, end })
+        {
+            for half in [None, (first == 0 && end > 1).then(|| first_half(end))] {
+                let most = |batch: u32| {
+                    let (mut nodes, mut most, mut sample) = (Vec::new(), 0, first);
+                    while sample < end {
+                        let next = end.min(sample + batch - sample % batch);
+                        let added = nodes_of(SampleRange { first: sample, end: next }, half);
+                        most = most.max(nodes.len() + added.len());
+                        added.into_iter().for_each(|range| push(&mut nodes, node(range), half));
+                        sample = next;
+                    }
+                    most as u64
+                };
+                let range = SampleRange { first, end };
+                assert_eq!(max_nodes(range, half, 1), most(1), "{first}..{end}, {half:?}");
+                assert!((1..=most(8)).contains(&max_nodes(range, half, 8)), "{first}..{end}, {half:?}");
+            }
+        }
     }
 
     /// However the samples 0..n are divided, the totals have the same bits as in one piece.
