@@ -194,9 +194,12 @@ pub fn nearest_kinds(
         .filter_map(|p| {
             let v = Vec3::from(p.position).as_dvec3() - x;
             let d = v.length_squared() + stretch * v.dot(n).powi(2);
+            if d > 2.0 * reach * reach {
+                return None;
+            }
             let excess = if normals { photon_normal(p.word).dot(n) - 0.5f64.sqrt() } else { 1.0 };
             // The cosine of decoded f32 normals is accurate to 1e-6.
-            (d <= 2.0 * reach * reach && excess > -1e-5).then_some((d, p.word >> 31 != 0, excess < 1e-5))
+            (excess > -1e-5).then_some((d, p.word >> 31 != 0, excess < 1e-5))
         })
         .collect();
     near.sort_by(|a, b| a.0.total_cmp(&b.0));
