@@ -76,9 +76,6 @@ macro_rules! material {
             pub metallic_roughness_texture: Option<TextureInfo>,
             /// Tangent-space normal.
             pub normal_texture: Option<TextureInfo>,
-            /// Ambient occlusion in R. Imported for completeness: as in Cycles, it does not darken the image, because
-            /// global illumination computes occlusion itself.
-            pub occlusion_texture: Option<TextureInfo>,
             /// Emission (sRGB).
             pub emissive_texture: Option<TextureInfo>,
             $($(#[$doc])* pub $lobe: $type,)*
@@ -102,7 +99,6 @@ macro_rules! material {
                     base_colour_texture: None,
                     metallic_roughness_texture: None,
                     normal_texture: None,
-                    occlusion_texture: None,
                     emissive_texture: None,
                     $($lobe: Default::default(),)*
                 }
@@ -182,13 +178,8 @@ material! {
 }
 
 impl Material {
-    /// The textures it uses.
+    /// The textures it uses. As in Cycles, occlusion is not among them, because global illumination computes it.
     pub fn texture_infos(&self) -> impl Iterator<Item = &TextureInfo> {
-        self.visible_textures().chain(&self.occlusion_texture)
-    }
-
-    /// The textures that change an image: all but occlusion.
-    pub fn visible_textures(&self) -> impl Iterator<Item = &TextureInfo> {
         self.texture_uses().flatten()
     }
 
@@ -205,7 +196,6 @@ impl Material {
             base_colour_texture: None,
             metallic_roughness_texture: None,
             normal_texture: None,
-            occlusion_texture: None,
             emissive_texture: None,
             ..self.lobes_without_textures()
         }
@@ -410,7 +400,9 @@ impl Reader<'_, '_> {
         use ColourSpace::{Linear, Srgb};
         let mut m =
             Material { name: json.name()?.unwrap_or_else(|| format!("material {index}")), ..Default::default() };
-        if let Some(pbr) = json.get("pbrMetallicRoughness")? {
+        // It takes the place of metal and roughness, whose textures are not read then.
+        let converted = specular_glossiness::read(json, self)?;
+        if let Some(pbr) = json.get("pbrMetallicRoughness")?.filter(|_| converted.is_none()) {
             m.base_colour = pbr.numbers_in::<4>("baseColorFactor", 1.0, 0.0..=1.0)?.into();
             m.metallic = pbr.number_in("metallicFactor", 1.0, 0.0..=1.0)?;
             m.roughness = pbr.number_in("roughnessFactor", 1.0, 0.0..=1.0)?;
@@ -421,7 +413,6 @@ impl Reader<'_, '_> {
         if let Some(normal) = json.get("normalTexture")? {
             m.normal_scale = normal.number_in("scale", 1.0, ..)?;
         }
-        m.occlusion_texture = self.texture(json, "occlusionTexture", Linear)?;
         m.emissive_texture = self.texture(json, "emissiveTexture", Srgb)?;
         m.emissive = json.numbers_in::<3>("emissiveFactor", 0.0, 0.0..)?.into();
         if m.emissive_texture.is_none() && json.get("emissiveTexture")?.is_some() {
@@ -442,7 +433,7 @@ impl Reader<'_, '_> {
             }
         }
         m.read_lobes(json, self)?;
-        if let Some(converted) = specular_glossiness::read(json, self)? {
+        if let Some(converted) = converted {
             let Converted { base_colour, base_colour_texture, roughness, roughness_texture, specular } = converted;
             let metallic_roughness_texture = roughness_texture;
             let (metallic, ior) = (0.0, INFINITE_IOR);

@@ -174,7 +174,7 @@ fn plain(material: Material, notes: &mut Notes) -> Material {
             notes.push(format!("procedural objects have no {what}: that of material \"{name}\" is ignored for them"));
         }
     };
-    note(material.visible_textures().next().is_some(), "texture coordinates");
+    note(material.texture_infos().next().is_some(), "texture coordinates");
     note(material.alpha != AlphaMode::Opaque, "alpha");
     note(material.anisotropy.is_present(), "anisotropy");
     note(material.emissive != Vec3::ZERO, "emission");

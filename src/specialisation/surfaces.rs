@@ -155,8 +155,8 @@ impl Facts {
             used[object.material as usize] = true;
         }
         for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
-            facts.textured += usize::from(m.visible_textures().next().is_some());
-            facts.uv1 += usize::from(m.visible_textures().any(|info| info.uv_set == 1));
+            facts.textured += usize::from(m.texture_infos().next().is_some());
+            facts.uv1 += usize::from(m.texture_infos().any(|info| info.uv_set == 1));
             facts.normal_maps += usize::from(m.normal_texture.is_some());
             for (number, lobe) in facts.lobes.iter_mut().zip(LOBES) {
                 *number += usize::from((lobe.has)(m));

@@ -230,17 +230,17 @@ fn reachable_features_compose() {
     }
     let wrong = |kernel: &str, composed: &(dyn Fn(&Features) -> Result<Composed> + Sync)| -> Vec<String> {
         // A kernel is composed once for all sets in which it is the same.
-        let mut has_least_limits = BTreeMap::new();
+        let mut needs_min_limits = BTreeMap::new();
         for set in sets.iter().filter(|set| runs(kernel, set)) {
             // Where tables are buffers, devices allow many; those that trace packets have more than the least.
-            *has_least_limits.entry(features_of(kernel, set)).or_insert(false) |=
+            *needs_min_limits.entry(features_of(kernel, set)).or_insert(false) |=
                 set.has(Feature::TextureLoads) && !set.has(Feature::Packets);
         }
-        let errors = has_least_limits.par_iter().filter_map(|(set, has_least_limits)| {
+        let errors = needs_min_limits.par_iter().filter_map(|(set, needs_min_limits)| {
             let names: Vec<_> = set.iter().map(Feature::name).collect();
             let error = match composed(set) {
                 Err(error) => error.to_string(),
-                Ok(composed) if *has_least_limits => beyond_limits(&composed)?,
+                Ok(composed) if *needs_min_limits => beyond_limits(&composed)?,
                 Ok(_) => return None,
             };
             Some(format!("{}: {error}", names.join(" ")))

@@ -332,7 +332,7 @@ fn textures_without_coordinates() {
     let scene = file.load_with(&ImportOptions { lenient: true, ..Default::default() }).unwrap();
     assert!(scene.vertices.iter().all(|vertex| vertex.uv[0].length() == 0.0) && scene.triangles.len() == 1);
     assert!(scene.notes.iter().any(|note| note.contains("1 primitive lacks coordinates")), "{:?}", scene.notes);
-    // An occlusion texture is not shown.
+    // An occlusion texture is not read.
     file.json["materials"][0] = json!({ "occlusionTexture": { "index": 0 } });
     assert_eq!(file.load().triangles.len(), 1);
 }

@@ -197,13 +197,13 @@ fn every_texture_has_its_colour_space_and_coordinates() {
         json!({
             "pbrMetallicRoughness": { "baseColorTexture": info(0, 0), "metallicRoughnessTexture": info(1, 1) },
             "normalTexture": { "index": 2, "scale": 0.5 },
-            "occlusionTexture": info(1, 1),
+            "occlusionTexture": info(5, 1),
             "emissiveTexture": info(3, 0),
             "extensions": {
                 "KHR_materials_specular": { "specularTexture": info(0, 0), "specularColorTexture": info(4, 1) },
             },
         }),
-        5,
+        6,
     )
     .load();
     let m = &scene.materials[0];
@@ -217,12 +217,11 @@ fn every_texture_has_its_colour_space_and_coordinates() {
     assert_eq!(read(m.base_colour_texture), (0, 0, Srgb));
     assert_eq!(read(m.metallic_roughness_texture), (1, 1, Linear));
     assert_eq!(read(m.normal_texture), (2, 0, Linear));
-    assert_eq!(read(m.occlusion_texture), (1, 1, Linear));
     assert_eq!(read(m.emissive_texture), (3, 0, Srgb));
     assert_eq!(read(m.specular.texture), (0, 0, Linear));
     assert_eq!(read(m.specular.colour_texture), (4, 1, Srgb));
     assert_eq!(m.normal_scale, 0.5);
-    // Image 0 is used as colour and as linear data, image 1 twice in the same way. Images are decoded once.
+    // Image 0 is used as colour and as linear data, but decoded once; that of the occlusion texture is not.
     assert_eq!((scene.textures.len(), scene.images.len()), (6, 5));
     assert_eq!(scene.vertices[0].uv, [Vec2::ZERO, Vec2::new(5.0, 6.0)]);
 }
@@ -319,8 +318,12 @@ fn images_from_files_and_data_uris() {
 fn specular_and_glossiness() {
     const NAME: &str = "KHR_materials_pbrSpecularGlossiness";
     let of = |json: Value, images: usize| {
-        let base = json!({ "baseColorFactor": [1, 0, 0, 1], "roughnessFactor": 0.1 });
-        with_material(json!({ "pbrMetallicRoughness": base, "extensions": { NAME: json } }), images)
+        let mut base = json!({ "baseColorFactor": [1, 0, 0, 1], "roughnessFactor": 0.1 });
+        if images > 0 {
+            // Not read: the extension takes its place.
+            base["baseColorTexture"] = json!({ "index": images });
+        }
+        with_material(json!({ "pbrMetallicRoughness": base, "extensions": { NAME: json } }), images + 1)
     };
     let plain = of(
         json!({
