@@ -230,17 +230,17 @@ fn reachable_features_compose() {
     }
     let wrong = |kernel: &str, composed: &(dyn Fn(&Features) -> Result<Composed> + Sync)| -> Vec<String> {
         // A kernel is composed once for all sets in which it is the same.
-        let mut needs_min_limits = BTreeMap::new();
+        let mut is_limited = BTreeMap::new();
         for set in sets.iter().filter(|set| runs(kernel, set)) {
             // Where tables are buffers, devices allow many; those that trace packets have more than the least.
-            *needs_min_limits.entry(features_of(kernel, set)).or_insert(false) |=
+            *is_limited.entry(features_of(kernel, set)).or_insert(false) |=
                 set.has(Feature::TextureLoads) && !set.has(Feature::Packets);
         }
-        let errors = needs_min_limits.par_iter().filter_map(|(set, needs_min_limits)| {
+        let errors = is_limited.par_iter().filter_map(|(set, is_limited)| {
             let names: Vec<_> = set.iter().map(Feature::name).collect();
             let error = match composed(set) {
                 Err(error) => error.to_string(),
-                Ok(composed) if *needs_min_limits => beyond_limits(&composed)?,
+                Ok(composed) if *is_limited => beyond_limits(&composed)?,
                 Ok(_) => return None,
             };
             Some(format!("{}: {error}", names.join(" ")))
