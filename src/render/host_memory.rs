@@ -101,7 +101,8 @@ pub(super) fn has_room(bytes: u64, settings: &Settings, has_indirect: bool) -> b
     memory::available().is_none_or(|available| bytes + image <= available)
 }
 
-/// Whether there is a second sample: a render that is to end in time may have a single one, but shows no noise then.
+/// Whether there is a second sample. A render that ends in time may have a single one, but not one that ends by noise,
+/// which a single sample does not show.
 fn has_second_sample(settings: &Settings) -> bool {
     let image = &settings.image;
     image.spp > 1 && (image.spp < Settings::UNLIMITED_SPP || image.noise.is_some())
@@ -177,6 +178,9 @@ fn remedy(settings: &Settings) -> String {
     }
     if image.denoise != Denoise::None {
         remedies.push("`image.denoise` none");
+    }
+    if image.piece.is_some() {
+        remedies.push("fewer samples in `image.piece`");
     }
     format!("choose {}, or a part of the image with `image.crop`", remedies.join(", "))
 }

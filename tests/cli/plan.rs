@@ -173,6 +173,7 @@ fn the_plan_predicts_what_techniques_cost() {
         }
     }
     let (few_noise, noise) = (of(&few, "noise"), of(&many, "noise"));
+    // The noise of one sample of the same small image, over either number of samples: roundings alone.
     assert!((few_noise[0] / noise[0] - 4.0).abs() < 1e-6, "{} and {}", few_noise[0], noise[0]);
     // Paths find the light of the walls one by one.
     assert!(noise[0] > 2.0 * noise[1] && noise[1] > 0.0, "{noise:?}");

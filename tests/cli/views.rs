@@ -71,6 +71,7 @@ fn backgrounds_replace_what_is_behind_the_scene() {
     for i in 0..shown.pixels() {
         let [r, g, b, alpha] = pixel(&clear, i);
         let code = f32::from(png.to_rgba8().get_pixel(i as u32 % 24, i as u32 / 24)[3]);
+        // Codes are rounded to the nearest whole number.
         assert!((code - 255.0 * alpha).abs() <= 0.5, "alpha {alpha} has the code {code}");
         if alpha == 1.0 {
             // The environment lights the scene all the same.

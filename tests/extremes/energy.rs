@@ -196,6 +196,7 @@ fn light_passes_through_a_slit() {
     println!("{paths:?}, {photons:?}");
     let (off, error) = ((paths.0 - photons.0).abs(), paths.1.hypot(photons.1));
     // One photon in a hundred passes the slit. All points share their error of a few percent.
+    // By chance, 3.5 standard errors are exceeded once in 2,000 times.
     assert!(off < 3.5 * error + 0.05 * paths.0, "{photons:?}, paths {paths:?}");
     assert!(3.5 * error < 0.15 * paths.0, "too noisy to tell");
 }

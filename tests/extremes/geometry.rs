@@ -156,6 +156,7 @@ fn one_triangle_is_a_scene() {
             let (origin, _) = eye.ray([pixel % 16, pixel / 16], 16);
             let way = stage.lights[0].position - DVec3::new(origin.x, 0.0, origin.z);
             let expected = reflected(0.5, 2.0 * way.normalize().y / way.length_squared());
+            // Positions, distances and cosines are f32, each with a relative rounding of 6e-8.
             assert!(relative(radiance, expected) < 1e-5, "{technique}: {radiance} for {expected}");
         }
         if technique == Technique::SHADOW_PHOTONS {

@@ -160,6 +160,7 @@ fn missing_photons_are_reported_above_a_tenth_of_the_points() {
     let dense = sparse.clone().with(|s| s.visibility_map.photons_per_light = Some(100_000));
     let (found, statistics, _) = render(lit, &dense);
     let total = statistics.points.total as f64;
+    // Each hit has a point for the environment, and one for the lamp unless it is dark: half of all or more.
     assert!(statistics.points.unknown as f64 > 0.4 * total, "the environment is not counted: {:?}", statistics.points);
     assert!((found.unknown as f64) < 0.01 * total, "{found:?}");
     // A map that is full needs no advice on more of them.

@@ -65,6 +65,7 @@ fn two_surfaces_become_their_mixture() {
             assert_eq!((before.choosing, before.chosen), (after.choosing, after.chosen));
             // The guides were functions of one number, and still are.
             let expected = guides(after.guides[0].x);
+            // Roundings of sums in f64, over the ridge.
             assert!((0..3).all(|k| after.guides[k].distance(expected[k]) < 1e-9), "{after:?}");
         }
     }
@@ -106,6 +107,7 @@ fn what_chance_shows_too_often_is_no_mark() {
         mean_of(0.8) - mean_of(0.2)
     };
     for chosen in [0.25, 0.5, 0.75] {
+        // The guides are exact mixtures: only the sums of the means are rounded, in f64.
         assert!((contrast(&seen, chosen) / 0.6 - chosen).abs() < 1e-9);
         let left = contrast(&settled, chosen) / 0.6;
         // 48 pixels of four choices around a pixel tell the share with a standard error of 0.03. Where it is less than

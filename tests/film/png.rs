@@ -30,7 +30,6 @@ fn pixels_are_coded_in_srgb_after_exposure() {
     assert_eq!(image::open(&path).unwrap().to_rgb8().into_raw(), [0, 0, 128, 64, 128, 0, 26, 26, 26, 255, 0, 0]);
 }
 
-/// A PNG has premultiplied colour over black, without alpha.
 /// The exposure that suits the image is 0, not -0.
 #[test]
 fn no_exposure_is_suggested_as_zero() {
@@ -39,6 +38,7 @@ fn no_exposure_is_suggested_as_zero() {
     assert_eq!(suggested.to_string(), "0");
 }
 
+/// A PNG has premultiplied colour over black, without alpha.
 #[test]
 fn transparency_is_over_black() {
     let folder = tempfile::tempdir().unwrap();

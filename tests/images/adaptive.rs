@@ -122,6 +122,7 @@ fn samples_go_where_the_noise_is() {
         let samples = image.channel("samples").unwrap();
         let mean = samples.iter().sum::<f32>() / samples.len() as f32;
         let (least, most) = samples.iter().fold((f32::MAX, 0f32), |(a, b), n| (a.min(*n), b.max(*n)));
+        // Each pixel has 8 samples before the first estimate; those without light get no more.
         assert!(least == 8.0 && most >= 64.0 && mean < most / 2.0, "{least} to {most}, mean {mean}");
         let reference = settings.clone().with(|s| (s.image.spp, s.image.seed) = (1024, 1));
         let (reference, _) = render(&scene_file("box.glb"), &reference);
@@ -174,6 +175,7 @@ fn shared_out_samples_make_less_error() {
         let mean = samples.iter().sum::<f32>() / samples.len() as f32;
         assert!(mean > 19.8 && mean <= 20.0, "{technique}: {mean}");
         let (least, most) = samples.iter().fold((f32::MAX, 0f32), |(a, b), n| (a.min(*n), b.max(*n)));
+        // Half of 16, the last mean at which samples are allocated, and eight times the mean of 20 at the end.
         assert!(least >= 8.0 && most > 60.0 && most <= 160.0, "{technique}: {least} to {most}");
         let uniform = render(&scene_file("box.glb"), &settings.clone().with(|s| s.image.spp = 20)).0;
         let [error, of_uniform] = [&image, &uniform].map(|image| relmse(image, &reference));

@@ -101,6 +101,7 @@ fn tags_are_unbiased_and_cells_darken() {
         let rays = tests.rays.shadow as f64 / counts.rays.shadow as f64;
         println!("{name}: tags {off} +- {error} of {mean}, {rays} of the rays and {} of cells", tests.rays.cell);
         // Without a closed form for any light both use the same samples, and the difference is 0.
+        // By chance, 3.5 standard errors are exceeded once in 2,000 times.
         assert!(off.abs() <= 3.5 * error, "{name}: {off} +- {error}");
         assert!(rays < 0.34 && tests.rays.cell > 0, "{name}: {rays} of the rays");
         assert!((off - 1e-3 * mean).abs() > 3.5 * error, "{name}: a thousandth would not be detected");
@@ -136,6 +137,7 @@ fn light_buffers_are_unbiased() {
         let rays = tests.rays.shadow as f64 / counts.rays.shadow as f64;
         println!("{name}: {off} +- {error} of {mean}, {rays} of the rays");
         // As with voxel tags: without a closed form both use the same samples. Only roundings differ.
+        // By chance, 3.5 standard errors are exceeded once in 2,000 times.
         assert!(off.abs() <= 3.5 * error + 1e-6 * mean, "{name}: {off} +- {error}");
         assert!(rays < max_rays && tests.points.lit > 0, "{name}: {rays} of the rays");
         detected += u32::from((1e-3 * mean - off.abs()) > 3.5 * error);
@@ -153,6 +155,7 @@ fn light_buffers_decide_for_point_lights() {
     let (off, error) = difference(&buffered, &all);
     let rays = tests.rays.shadow as f64 / counts.rays.shadow as f64;
     println!("{off} +- {error}, {rays} of the rays; {:?}", tests.points);
+    // By chance, 3.5 standard errors are exceeded once in 2,000 times.
     assert!(off.abs() <= 3.5 * error, "{off} +- {error}");
     assert!(rays < 0.2 && tests.points.shadowed > 1000, "{rays} of the rays");
 }

@@ -33,9 +33,8 @@ fn blocks(albedo: f32) -> Vec<(Vec<Corners>, Material)> {
     [floor, left, right].map(|mesh| (mesh, surface(albedo, 0.0))).into()
 }
 
-/// Relative error of the global map where it is shown directly, and of final gathering from it. The figures are those
-/// of
-/// `indirect::photons_give_the_path_tracers_light`.
+/// Relative error of the global map where it is shown directly, as in `indirect::photons_give_the_path_tracers_light`,
+/// and of final gathering from it: half of the bound there.
 fn tolerance(technique: Technique) -> f64 {
     match technique {
         technique if technique.is_path_tracing() => 0.0,
@@ -58,6 +57,7 @@ fn convex_bodies_show_their_albedo() {
             let (mean, error) = mean_and_error(&image, channel);
             // Techniques that show the map have the map's error; the others have noise and rounding only.
             let shown = if technique.shows_map() { tolerance(technique) } else { 1e-5 };
+            // By chance, 3.5 standard errors are exceeded once in 2,000 times.
             let off = |mean: f64| (mean - expected).abs() / (3.5 * error + shown * expected);
             assert!(off(mean) < 1.0, "{technique}, {channel}: {mean} +- {error}, not {expected}");
             assert!(off(1.05 * mean) > 1.0, "{technique}, {channel}: 5 % more would pass");
@@ -67,6 +67,7 @@ fn convex_bodies_show_their_albedo() {
     }
     // The background, next to the body.
     let (image, _) = render_scene(under(&body, &even), &view(-2.0), &settings(Technique::SHADOW_PHOTONS, 1));
+    // Interpolation between equal texels, and one sample: a few roundings in f32, each of 6e-8 of a number up to 1.5.
     let near =
         |channel: &str, expected: f32| image.channel(channel).unwrap().iter().all(|x| (x - expected).abs() < 1e-6);
     assert!(near("R", 1.5) && near("G", 1.0) && near("B", 0.5) && near("A", 1.0));
@@ -107,6 +108,7 @@ fn planes_have_the_skys_irradiance() {
             // Interpolation at the horizon mixes sky and ground over half a row: pi / 256 of 7, at cosines of as much
             // again over 4. Interpolation between the other rows adds 0.01 %.
             let tolerance = 7.0 * (PI / 128.0f64).powi(2) / 8.0 + 2e-4 * expected;
+            // By chance, 3.5 standard errors are exceeded once in 2,000 times.
             let off = |mean: f64| (mean - expected).abs() / (3.5 * error + tolerance);
             assert!(off(mean) < 1.0, "{technique}, n {n}: {mean} +- {error}, not {expected}");
             assert!(off(1.05 * mean) > 1.0, "{technique}, n {n}: 5 % more would pass");
@@ -136,6 +138,8 @@ fn a_sun_in_the_panorama_equals_a_directional_light() {
     for technique in [Technique::PATH, Technique::TWO_PASS] {
         let (by_sky, _) = render_scene(under(&blocks(0.7), &sky), &view, &settings(technique, 64));
         let (mean, error) = mean_and_error(&by_sky, "G");
+        // 0.5 % is for final gathering, which renders the directional light too, as in `tolerance`.
+        // By chance, 3.5 standard errors are exceeded once in 2,000 times.
         let off = |mean: f64| (mean - expected.0).abs() / (3.5 * error.hypot(expected.1) + 0.005 * expected.0);
         println!("{technique}: {mean} +- {error}, directional {expected:?}");
         assert!(off(mean) < 1.0, "{technique}: {mean} +- {error}, directional {expected:?}");
@@ -171,6 +175,7 @@ fn every_technique_gives_the_path_tracers_light() {
             let (mean, error) = mean_and_error(&image, "G");
             println!("{technique}, {max_bounces} bounces: {mean} +- {error}, paths {paths:?}");
             let tolerance = if max_bounces == 0 && !technique.shows_map() { 0.0 } else { tolerance(technique) };
+            // By chance, 3.5 standard errors are exceeded once in 2,000 times.
             let off = |mean: f64| (mean - paths.0).abs() / (3.5 * error.hypot(paths.1) + tolerance * paths.0);
             assert!(off(mean) < 1.0, "{technique}, {max_bounces} bounces: {mean} +- {error}, paths {paths:?}");
             assert!(off(1.1 * mean) > 1.0, "{technique}, {max_bounces} bounces: 10 % more would pass");

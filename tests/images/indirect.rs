@@ -257,6 +257,8 @@ fn a_skylight_lets_in_sun_and_sky() {
         mean_and_error(&render_scene(scene, &view, &settings(technique, [32, 32], spp, 64)).0, "G")
     };
     let (paths, photons) = (of(Technique::PATH, 512), of(Technique::SHADOW_PHOTONS, 48));
+    // 1 % is for interpolating irradiance records, as in `glass_and_metal_match_the_path_tracer`.
+    // By chance, 3.5 standard errors are exceeded once in 2,000 times.
     let off = |mean: f64| (mean - paths.0).abs() / (3.5 * photons.1.hypot(paths.1) + 0.01 * paths.0);
     println!("sky: {photons:?}, paths {paths:?}");
     assert!(off(photons.0) < 1.0, "{photons:?}, paths {paths:?}");

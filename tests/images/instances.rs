@@ -173,5 +173,6 @@ fn a_mesh_is_stored_once() {
     let table = 900 * 112;
     println!("{few} bytes with 9 instances, {many} with 900");
     assert!(many - few < 2 * table, "{few} and {many}");
+    // A ball has 48 x 46 triangles and is there twice, once mirrored: 4416, with the floor and the lamp 4420.
     assert!(scene.triangles < 5000, "{scene:?}");
 }

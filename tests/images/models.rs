@@ -44,7 +44,7 @@ fn trimmed_relmse(image: &Image, reference: &Image) -> f64 {
 /// standard errors over its seeds.
 #[test]
 fn photons_add_no_error() {
-    let files = shared_files("models", &["gltf", "glb"]).unwrap_or_default();
+    let Some(files) = shared_files("models", &["gltf", "glb"]) else { return };
     let mut sum = 0.0;
     for file in &files {
         let reference = render(file, Technique::TWO_PASS, 1);
@@ -61,6 +61,6 @@ fn photons_add_no_error() {
         assert!(mean <= 1.02 + 3.0 * error, "{}: {ratios:?}", file.display());
         sum += mean;
     }
-    let mean = sum / files.len().max(1) as f64;
+    let mean = sum / files.len() as f64;
     assert!(mean <= 1.02, "of {} files: {mean}", files.len());
 }

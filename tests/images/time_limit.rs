@@ -116,6 +116,8 @@ fn denoisers_fit_the_time() {
     let mut renderer = renderer(&settings(2).with(|s| s.image.denoise = Denoise::Statistical));
     renderer.render_within(1e9).unwrap();
     renderer.render_within(1e9).unwrap();
+    // `whole` is three runs of the filter, which are kept if they take two thirds of the time or less: from 3/2 on.
+    // A single run is kept if it fits the time: from 1/3 on.
     for (share, is_changed, is_denoised, has_error) in
         [(1.51, false, true, true), (1.49, true, true, false), (0.34, true, true, false), (0.33, true, false, false)]
     {
@@ -140,6 +142,7 @@ fn the_technique_fits_the_time() {
         let technique = |settings: &Settings, within: Option<f64>| {
             let Choice { technique, reason, sampling, .. } = Choice::new(gpu(), &scene, &camera, settings, within, 1.0);
             assert_eq!(reason.is_some(), technique != Technique::default(), "{name}");
+            // Of the times below, those of 5 s and more suffice for estimates of noise.
             let shares =
                 is_software && within.is_some_and(|seconds| seconds > 4.0) && technique == Technique::default();
             assert_eq!(sampling, if shares { Sampling::Adaptive } else { Sampling::Uniform }, "{name}, {within:?}");
@@ -189,6 +192,7 @@ fn paths_render_models_by_themselves_for_longer() {
         (technique, sampling)
     };
     // A first sample of so small an image is expected after 0.26 s.
+    // These are 1.5 and 4.2 times that: `path` shares samples out from 1.7 times on.
     let (short, long) = (0.4, 1.1);
     let usual = (Technique::default(), Sampling::Adaptive);
     let shared = (Technique::PATH, Sampling::Adaptive);
@@ -228,6 +232,7 @@ fn a_first_sample_that_just_fits_is_for_rooms() {
             assert!(choice.reason.is_none_or(|reason| reason.contains("before the first image")));
             choice.technique == Technique::PATH
         };
+        // Paths are used below 0.9 times the time of the first sample in rooms, and below 1.25 times in open scenes.
         assert!(takes_paths(0.8, 1.0) && takes_paths(1.6, 2.0) && takes_paths(8.0, 10.0), "{name}");
         assert_eq!([takes_paths(1.0, 1.0), takes_paths(2.0, 2.0)], [!is_room; 2], "{name}");
         assert!(!takes_paths(1.5, 1.0) && !takes_paths(3.0, 2.0) && !takes_paths(0.7, 0.5), "{name}");

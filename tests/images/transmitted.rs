@@ -48,6 +48,7 @@ fn leaves_show_the_light_behind_them() {
                 // Interpolation between sky and ground: half a row of 32 at cosines of as much. Shown maps have their
                 // own error.
                 let tolerance = if technique.shows_map() { 0.02 } else { 0.003 };
+                // By chance, 3.5 standard errors are exceeded once in 2,000 times.
                 let off = |mean: f64| (mean - expected).abs() / (3.5 * error + tolerance * expected);
                 assert!(off(mean) < 1.0, "{technique}, {channel} from {side}: {mean} +- {error}, not {expected}");
                 assert!(off(1.1 * mean) > 1.0, "{technique}, {channel} from {side}: 10 % more would pass");
@@ -77,6 +78,7 @@ fn leaves_show_lamps_without_a_size_behind_them() {
             let expected = f64::from(colour) / PI * mean_irradiance;
             let (mean, error) = mean_and_error(&image, channel);
             // 16,000 stratified samples of a function that varies by a tenth.
+            // By chance, 3.5 standard errors are exceeded once in 2,000 times.
             let off = |mean: f64| (mean - expected).abs() / (3.5 * error + 1e-3 * expected);
             assert!(off(mean) < 1.0, "{technique}, {channel}: {mean} +- {error}, not {expected}");
             assert!(off(1.02 * mean) > 1.0, "{technique}, {channel}: 2 % more would pass");
@@ -145,6 +147,7 @@ fn leaves_light_the_floor_below() {
         let found = mean(technique);
         println!("{technique}: {found:?}, paths {reference:?}");
         // Final gathering has an error of 0.5 % by itself.
+        // By chance, 3.5 standard errors are exceeded once in 2,000 times.
         let allowed = 3.5 + 0.005 * reference.0 / reference.1.hypot(found.1);
         assert!(deviation(found, reference) < allowed, "{technique}: {found:?}, not {reference:?}");
     }
@@ -211,6 +214,7 @@ fn dispersion_makes_no_light_and_no_colour() {
         for channel in ["R", "G", "B"] {
             let (mean, error) = mean_and_error(&image, channel);
             // Paths end after the maximum number of bounces; specular chains after 32 links.
+            // By chance, 3.5 standard errors are exceeded once in 2,000 times.
             assert!((mean - 1.0).abs() < 3.5 * error + 0.004, "{technique}, {channel}: {mean} +- {error}");
         }
     }
@@ -392,6 +396,7 @@ fn lamps_absorb_the_light_that_they_emit_inwards() {
             let (found, error) = mean_and_error(&image, channel);
             // 2,000 independent photons have a noise of 2.2 %, those of a Sobol sequence less.
             let tolerance = if technique.shows_map() { 0.03 } else { 0.002 };
+            // By chance, 3.5 standard errors are exceeded once in 2,000 times.
             let off = |found: f64| (found - expected).abs() / (3.5 * error + tolerance * expected);
             println!("{technique}, {channel}: {found} +- {error}, expected {expected}");
             assert!(off(found) < 1.0, "{technique}, {channel}: {found} +- {error}, not {expected}");

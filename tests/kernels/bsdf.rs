@@ -568,6 +568,8 @@ fn values_are_those_of_gltf(gpu: &Gpu) {
             // is 3e-4 of the lobe.
             let floor = if tested.lobes.eta > 1.0 { 3e-6 } else { 1e-9 };
             // A film's colours are differences of waves that nearly cancel.
+            // Phases are up to 43 (3080 nm at 2.24e6 / m), off by 3e-6 in f32. The matrix to linear sRGB
+            // multiplies that by up to 5.
             let left = if tested.lobes.film.is_some() { 2e-5 * tested.lobe(*direction) } else { 0.0 };
             let off = |v: f32, exact: f64| (f64::from(v) - exact).abs() / ((exact * allowed).max(floor) + left);
             let exact = tested.values(direction.as_vec3().as_dvec3()).to_array();
@@ -587,6 +589,7 @@ fn values_are_those_of_gltf(gpu: &Gpu) {
     }
     assert!(worst <= 1.0, "{worst} of what is allowed: {worst_case}");
     assert!(worst_of_fault > 1.0, "an oracle that is 0.2 % off");
+    // Above 1 the comparison notices such a film; 2 leaves a margin.
     assert!(worst_of_thicker_film > 2.0, "films of another thickness: {worst_of_thicker_film} of what is allowed");
 
     let tilted =
@@ -620,9 +623,12 @@ fn no_density_exceeds_its_maximum(gpu: &Gpu) {
             );
             nearest = nearest.max(density / max);
             let from_above = 0.25 / (PI * tested.narrowest().powi(2));
+            // A hundredth: a hundred times the roundings of wide lobes above.
             over_fault += usize::from(density > 1.01 * from_above.max(1.0 / PI));
         }
     }
+    // Some directions are within 0.02 of the mirror direction: half vectors within 0.01, where D is 0.3 % lower at an
+    // alpha of 0.25.
     assert!(nearest > 0.98, "the bound is {nearest} times as high as any density");
     assert!(over_fault > 100, "{over_fault} directions tell views apart");
 }
@@ -646,6 +652,7 @@ fn transmission_is_reciprocal(gpu: &Gpu) {
             let back = run(gpu, "evaluated", &other, &[turned(tested.view)], 1, false);
             let there = f64::from(there[0][0]) / -direction.z / tested.lobes.eta.powi(2);
             let back = f64::from(back[0][0]) / tested.view.z;
+            // A lobe of alpha 1e-3 is off by 4 * 6e-8 / 1e-3 = 2.4e-4, as in the test of values, in each evaluation.
             assert!((there - back).abs() <= 1e-3 * there.max(back) + 1e-6, "{tested:?} {direction}: {there} {back}");
             compared += usize::from(there > 1e-3 && tested.lobes.eta != 1.0);
         }
@@ -662,6 +669,7 @@ fn reflection_is_reciprocal(gpu: &Gpu) {
         for (direction, there) in directions.iter().zip(there.chunks_exact(2)) {
             let back = run(gpu, "evaluated", &Tested { view: *direction, ..tested }, &[tested.view], 1, false);
             let (there, back) = (f64::from(there[0][0]) / direction.z, f64::from(back[0][0]) / tested.view.z);
+            // As for transmission: twice 2.4e-4 of lobes of alpha 1e-3.
             assert!((there - back).abs() <= 1e-3 * there.max(back), "{tested:?} {direction}: {there} {back}");
         }
     }
@@ -683,6 +691,7 @@ fn reflection_is_reciprocal(gpu: &Gpu) {
             swapped_of_base = swapped_of_base.max((a / b - 1.0).abs());
         }
     }
+    // A hundred times the tolerance of reciprocity.
     assert!(swapped_of_base > 0.1, "the base's cosines instead of the coat's: {swapped_of_base}");
     // The planted fault: a Fresnel term of one angle only, as in many renderers.
     let tested =
@@ -803,6 +812,7 @@ fn no_film_changes_nothing(gpu: &Gpu) {
             let values = values(Some(film));
             values.iter().flatten().zip(bare.iter().flatten()).filter(differs).count()
         };
+        // A few roundings of f32: a mix with a factor of 0.
         assert_eq!(differing(Film::new(0.0, 1.8, 400.0), 1e-6), 0, "{tested:?}");
         assert!(differing(Film::new(1.0, 1.8, 400.0), 1e-2) > 100, "{tested:?}");
         assert!(differing(Film::new(1e-3, 1.8, 400.0), 1e-6) > 100, "{tested:?}: a thousandth of a film");

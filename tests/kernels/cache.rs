@@ -265,6 +265,7 @@ impl Setup {
             sum += w * value;
             weight += w;
             off += w_off;
+            // Six products of gradients up to 10 with coordinates, of three roundings of 6e-8 each: 1.1e-5.
             sum_off += w_off * value.max_element() + w * 2e-5;
         }
         let mean = if weight > 0.0 { sum / weight } else { DVec3::ZERO };
@@ -293,6 +294,7 @@ impl Setup {
             let covered = weight > 0.0;
             let right = self.albedos[i].as_dvec3() * irradiance * self.seen(i) / PI;
             let lists = wanted == (weight < MIN_WEIGHT) && queued == (!covered || beyond);
+            // A few roundings of light that is below 1.
             let lit = (light - right).abs().max_element() <= error + 1e-6 && got[3] == f64::from(u8::from(covered));
             wrong += usize::from(!(lists && lit));
         }
@@ -360,6 +362,7 @@ fn light_is_that_of_all_records_in_reach(gpu: &Gpu) {
         queued += outcome.path_points.len();
     }
     println!("{checked} points, {doubts} undecided, {listed} need records, {queued} are queued for paths");
+    // Guards: rounding leaves few points undecided, and there are points of each kind.
     assert!(doubts * 20 < checked && queued > 100 && queued + 100 < listed && listed + 1000 < checked);
 }
 
@@ -393,6 +396,7 @@ fn light_of_neighbouring_points_is_that_of_all_records_in_reach(gpu: &Gpu) {
         covered += outcome.radiance.iter().filter(|light| light[0] > 0.0).count();
     }
     println!("{checked} points, {doubts} undecided, {covered} lit by records");
+    // Guards: rounding leaves few points undecided, and records light many.
     assert!(doubts * 20 < checked && covered * 2 > checked);
 }
 

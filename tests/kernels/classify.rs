@@ -258,12 +258,14 @@ fn shown_cells_are_those_that_decide(gpu: &Gpu) {
     let count = |class| cells.iter().filter(|cell| cell.class == class).count();
     // The shadow is small: 9,216 points see the room.
     let counts = [Class::Lit, Class::Shadowed, Class::Boundary].map(count);
+    // A guard: each class occurs.
     assert!(counts.iter().all(|count| *count > 5), "{counts:?}");
     assert!(cells.iter().any(|cell| cell.kind == CellKind::Requested), "no cell was requested");
     let mut hashes = HashMap::new();
     for (point, cell) in points.iter().zip(&cells).filter(|(_, cell)| cell.kind != CellKind::None) {
         let units = (Vec3::from(point.position) - Vec3::from(shape.origin)) * shape.inverse_cell;
         // A point at a face may be in either cell.
+        // A side has at most 161 cells (2^22 in all): a coordinate is rounded by 161 * 6e-8 = 1e-5 of a cell.
         if (units - units.round()).abs().min_element() > 1e-3 {
             let known = *hashes.entry(units.floor().as_ivec3()).or_insert(cell.hash);
             assert_eq!((known, cell.level), (cell.hash, 0), "{point:?}");
@@ -307,6 +309,7 @@ fn queues_hold_what_the_classes_say(gpu: &Gpu) {
                     let (a, b) = (&points[candidate as usize], &points[other]);
                     let n = point_normal(a.normal).as_vec3();
                     let offset = (Vec3::from(b.position) - Vec3::from(a.position)).dot(n);
+                    // Coordinates have roundings of 6e-8; the next plane with that normal is 0.35 away.
                     traced(undilated[other]) && a.normal == b.normal && offset.abs() < 1e-3
                 });
             let expected = if widened { (word & !7) | Class::Boundary as u32 } else { word };
@@ -414,6 +417,7 @@ fn dilation_finds_the_neighbours_that_get_samples(gpu: &Gpu) {
                         let (a, b) = (&points[index_of(pixel, sample)], &points[index_of(other, sample)]);
                         let n = point_normal(a.normal).as_vec3();
                         let offset = (Vec3::from(b.position) - Vec3::from(a.position)).dot(n);
+                        // As above: roundings of 6e-8, and the next such plane is 0.35 away.
                         traced(undilated[index_of(other, sample)]) && a.normal == b.normal && offset.abs() < 1e-3
                     }
                 });

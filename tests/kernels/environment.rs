@@ -203,6 +203,7 @@ fn samples_follow_their_density(gpu: &Gpu) {
         // Probabilities are f32, and the smallest ones are raised to a millionth of their row.
         let right = |pdf: f32, cell: usize| {
             let expected = cells.share[cell] / cells.solid_angle[cell];
+            // A difference of cumulative probabilities is off by 6e-8: 2e-3 of a probability of 3e-5.
             (f64::from(pdf) - expected).abs() <= 2e-3 * expected + 2e-5
         };
         let mut caught = 0;
@@ -270,7 +271,9 @@ fn even_panoramas_are_sampled_evenly(gpu: &Gpu) {
         let even = panorama(64, 32, |_| DVec3::splat(light));
         let got = run(gpu, &surrounded(&even, 0.0, 1.0), "sampled", &[], 1 << 12, 2);
         for [sample, colour] in got.as_chunks::<2>().0 {
+            // The row at a pole has a probability of 6e-4, a difference of f32 numbers that is off by 6e-8: 1e-4 of it.
             assert!((f64::from(sample[3]) * 4.0 * PI - 1.0).abs() < 1e-3 || light == 0.0, "density {}", sample[3]);
+            // Weights of equal texels add up to 1 but for a few roundings.
             assert!(sample[3] > 0.0 && (f64::from(colour[1]) - light).abs() < 1e-6);
         }
     }
@@ -300,6 +303,7 @@ fn photons_carry_the_panoramas_power(gpu: &Gpu) {
         let (origin, direction) = (vector(&ray[0]) - centre, vector(&ray[1]));
         let along = origin.dot(direction);
         let off = (origin - along * direction).length() / (1.001 * radius);
+        // Rays start two radii before the centre. Coordinates near 1 are rounded by 6e-8, over a radius of 0.5.
         assert!(along < -1.9 * radius && off < 1.0 + 1e-5, "a ray that starts beside the scene, or in it");
         by_radius[((off * off * 16.0) as usize).min(15)] += 1;
     }
@@ -309,5 +313,6 @@ fn photons_carry_the_panoramas_power(gpu: &Gpu) {
     let (mean, error) = mean_and_error(weights);
     // The mean of y (1 + y) over the sphere is 1/3.
     let expected = 2.0 * 4.0 * PI * disc / 3.0;
+    // As above, interpolation takes 8e-4 of the part of the radiance that is proportional to y: of all of this mean.
     z_test(mean, error + 2e-3 * expected, expected, 6).unwrap();
 }

@@ -326,6 +326,7 @@ fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
     };
     let trimmed = image(&[]);
     let differing = |other: &[f64]| {
+        // Between a dozen roundings of f32, below 1e-6, and the thousandth that the test must see.
         let differs = |(a, b): &(&f64, &f64)| (*a - *b).abs() > 1e-4 * a.abs().max(0.1);
         trimmed.iter().zip(other).filter(differs).count()
     };

@@ -81,6 +81,8 @@ fn coarsest(rays: &Rays) -> (i32, f64) {
 fn cells_of(rays: &Rays) -> Option<Vec<Key>> {
     let (exponent, margin) = coarsest(rays);
     let cells: Vec<_> = (0..5).map(|level| cell_at(rays, exponent - level as i32, level)).collect();
+    // The finest cells are 2^-10 wide: a coordinate of unit size is rounded by 1024 * 6e-8 = 6e-5 of one. A logarithm
+    // of a distance with a few roundings is off by 1e-6.
     let clear = margin > 1e-5 && cells.iter().all(|(_, margin)| *margin > 1e-3);
     clear.then(|| cells.into_iter().map(|(key, _)| key).collect())
 }

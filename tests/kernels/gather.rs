@@ -306,6 +306,7 @@ fn are_closed_forms_of_a_ceiling(by_seed: &[Vec<Record>], points: &[(DVec3, DVec
     for (i, (position, normal)) in points.iter().copied().enumerate() {
         let head = &by_seed[0][i].head;
         assert_eq!(Vec3::from(head.position), position.as_vec3());
+        // A code of 16 bits is 7e-5 off, which takes 3e-9 of the cosine: a few roundings of f32 remain.
         assert!(Vec3::from(head.normal).dot(normal.as_vec3()) > 1.0 - 1e-6);
         let (mean, error) = of(i, &|record| record.irradiance());
         let expected = from_ceiling(position, normal);
@@ -336,6 +337,7 @@ fn are_closed_forms_of_a_ceiling(by_seed: &[Vec<Record>], points: &[(DVec3, DVec
                 slopes[k], rotations[k]
             );
             for (name, measured, error, expected, scale) in [
+                // Over 4: of 16 tests, z_test allows four standard errors.
                 ("along", slope, slope_error + 0.9 * ring / 4.0 * scales[0], slopes[k], scales[0]),
                 ("about", rotation, rotation_error + 0.02 / 4.0 * scales[1], rotations[k], scales[1]),
             ] {
@@ -365,6 +367,7 @@ fn narrow_rays_take_focused_light_from_irradiance_points(gpu: &Gpu) {
     // Surfaces of glossy scenes have more texels, but the first is all that the first point needs.
     for point in [(DVec3::new(0.1, 0.0, 0.0), DVec3::Y), (DVec3::new(-0.2, 0.0, 0.1), DVec3::Y)] {
         let (by_seed, followed) = Gathering::new(&stage, &known).run(gpu, &[point], &[0], 0..64);
+        // A guard: paths continue rays.
         assert!(followed > 1000, "{followed}");
         let (mean, error) = mean_and_error(by_seed.iter().map(|records| records[0].irradiance()));
         let expected = from_ceiling(point.0, point.1);
@@ -388,6 +391,7 @@ fn gather_rays_are_mirrored(gpu: &Gpu) {
     for x in [0.1, -0.2] {
         let point = (DVec3::new(x, 0.0, 0.0), DVec3::Y);
         let (by_seed, followed) = Gathering::new(&stage, &known).run(gpu, &[point], &[0], 0..256);
+        // A guard: paths continue rays.
         assert!(followed > 1000, "{followed}");
         let (mean, error) = mean_and_error(by_seed.iter().map(|records| records[0].irradiance()));
         let from =
@@ -485,6 +489,7 @@ fn near_points_are_not_looked_up(gpu: &Gpu) {
         // pi times 3 a / pi; half of it after one more bounce. Two of 256 rays may be so short again that there is a
         // third bounce, which halves what they bring.
         let (expected, off) = if looked_up { (1.5, 1e-4) } else { (0.75, 0.75 * 2.0 / 512.0 + 1e-4) };
+        // 1e-4: a sum of 256 values of 1.5 in f32 is off by 256 * 6e-8 * 1.5 = 2e-5 at most.
         assert!((measured - expected).abs() < off, "radius {radius}: {measured}");
     }
 }
@@ -543,6 +548,7 @@ fn waves_add_up(gpu: &Gpu) {
         let values: Vec<[f32; 4]> = gpu.read(&buffers.values, 6 * point_count as usize).unwrap();
         for (head, values) in heads.iter().zip(values.chunks(6)) {
             for channel in &values[..3] {
+                // A sum of 128 values of 1.5 in f32 is off by 128 * 6e-8 * 1.5 = 1e-5; a few roundings of 9 follow.
                 let close = |to: f64| (f64::from(channel[3]) - to).abs() < 1e-4;
                 assert!(close(expected), "{channel:?}, not {expected}");
                 assert!(!close(before) && !close(before + 0.4 * (1.5 - before)), "another share would do");

@@ -263,6 +263,7 @@ impl Probes {
     fn walls(&self) -> Vec<(DVec3, f64)> {
         let mut walls: Vec<(DVec3, f64)> = Vec::new();
         for (normal, least) in self.sent.iter().filter_map(|(_, wall)| *wall) {
+            // SAME_PLANE of the kernel.
             let is_known = |(n, w): &(DVec3, f64)| (*n - normal).abs().max_element().max((w - least).abs()) < 1e-5;
             if walls.len() < 2 && !walls.iter().any(is_known) {
                 walls.push((normal, least));
@@ -478,6 +479,7 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
             let agrees = |right: DVec3| (value - right).abs().max_element() <= 2e-5 * right.abs().max_element();
             assert!(agrees(right), "{irradiance_point:?}: {value}, expected {right}");
             // The last eight bits hold the clear part.
+            // They are 255 of 2^23 at most: 3e-5.
             assert!((f64::from(*radius) - expected_radius).abs() < 5e-5 * expected_radius);
             assert!(
                 (f64::from(radius.to_bits() & 255) / 255.0 - clear).abs() < 1.001 / 255.0,
@@ -496,6 +498,7 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
         "{checked} irradiance points, {doubts} undecided, {partly} partly covered, {wide} with sparse photons, \
          {hidden} with photons behind walls"
     );
+    // Guards: rounding leaves few points undecided, and there are points of each kind.
     assert!(doubts * 5 < checked && partly > 50 && wide > 10 && hidden > 10);
 }
 
@@ -534,7 +537,9 @@ fn dense_cells_are_not_too_dark(gpu: &Gpu) {
     assert_eq!(found.irradiances.len(), 7);
     for (point, [red, ..]) in found.points.iter().zip(&found.irradiances) {
         let radius = radius_of(&photons, &shape, point);
+        // Four cells of 0.05, which f32 rounds by 1e-9.
         assert!((radius - 0.2).abs() < 1e-6);
+        // One photon of 16,000 is 6e-5: two that are lost are noticed. Sums are whole numbers below 2^24, so exact.
         assert!((f64::from(*red) / light(radius) - 1.0).abs() < 1e-4, "{point:?}: {red}, not {}", light(radius));
     }
 }
@@ -558,6 +563,7 @@ fn probes_leave_iterations_for_photons(gpu: &Gpu) {
             assert_eq!(red, 0.0);
             unknown += 1;
         } else {
+            // As above: two lost photons of 16,000 are noticed.
             assert!((f64::from(red) / right - 1.0).abs() < 1e-4, "{floors} floors: {red}, not {right}");
             known += 1;
         }
@@ -988,6 +994,7 @@ fn look_ups_find_the_nearest_irradiance_point(gpu: &Gpu) {
         let reached = |(counted, _, estimates): &(f64, f64, [f32; 4])| -> Vec<[f32; 4]> {
             let clear = f64::from(estimates[3]) * f64::from(estimates[3].to_bits() & 255) / 255.0;
             let nothing = [0.0, 0.0, 0.0, FAR];
+            // Distances of positions up to 1 apart have a few roundings of 6e-8.
             if (counted - clear).abs() < 1e-6 {
                 vec![*estimates, nothing]
             } else {

@@ -78,6 +78,7 @@ fn unfocused(seen: &[Seen], camera: &Camera, distance: f64) -> usize {
 /// Points beyond the sides of a regular polygon with a corner to the right.
 fn outside(seen: &[Seen], blades: u32) -> usize {
     let corner = |i: u32| DVec2::from_angle(std::f64::consts::TAU * f64::from(i) / f64::from(blades));
+    // A coordinate of unit size is rounded by 6e-8, which is 1e-6 of a radius of 0.08.
     let beyond = |p: DVec2| (0..blades).any(|i| (corner(i + 1) - corner(i)).perp_dot(p - corner(i)) < -1e-5);
     seen.iter().filter(|seen| beyond(seen.iris)).count()
 }
@@ -103,6 +104,7 @@ fn rays_leave_the_whole_iris_and_meet_in_focus(gpu: &Gpu) {
         assert!(mean.abs().max_element() < 0.036, "{blades} blades: {mean}");
         let is_round = blades == 0;
         if is_round {
+            // Roundings of 1e-6 of the radius, as in `outside`.
             assert!(seen.iter().all(|seen| seen.iris.length() < 1.0 + 1e-5), "points beyond the rim");
             assert!(outside(&seen, 5) > seen.len() / 10, "a round iris is not noticed");
         } else {

@@ -304,6 +304,7 @@ fn worst(gpu: &Gpu, scene: &Scene, oracle: impl Fn(&[Corners], bool, DVec3, DVec
         if off > worst.0 {
             worst = (off, *place);
         }
+        // The radiances are powers of two, so the channels may differ by the last bits only.
         assert!((got[1] - 2.0 * got[0]).abs() <= 1e-6 * got[1] && (got[2] - 4.0 * got[0]).abs() <= 1e-6 * got[2]);
     }
     worst
@@ -351,6 +352,7 @@ fn contours_are_those_of_the_shape(gpu: &Gpu) {
     assert_eq!(planar, [true, true, true, true, true, false, true, false]);
     // Power is pi times area times radiance for each emitting side. 7/3 is the mean of the channels.
     let square = 0.6 * 0.8 * PI * 7.0 / 3.0;
+    // Corners are rounded to f32: a few parts of 6e-8.
     assert!((gpu_scene.lights[0].power - square).abs() < 1e-6 * square);
     let [a, b, c] = meshes()[1].1[0];
     let triangle = (b - a).cross(c - a).length() / 2.0 * 2.0 * PI * 7.0 / 3.0;
@@ -388,6 +390,7 @@ fn dark_is_exact(gpu: &Gpu) {
         }
         wrong_without_sides += usize::from(is_dark != dark(true));
     }
+    // Guards: both kinds of lights are dark at some places, and at some only by their sides.
     assert!(dark_ones > 500 && said > 50 && wrong_without_sides > 100, "{dark_ones} {said} {wrong_without_sides}");
 }
 
@@ -403,7 +406,9 @@ fn no_light_spans_more_than_its_bound(gpu: &Gpu) {
         let (triangles, two_sided) = triangles_of(&scene, place.light);
         let exact = solid_angle(&triangles, two_sided, place.position.as_dvec3());
         let bound = f64::from(got[0]);
+        // A dozen roundings of f32: differences of positions, squares, a root and quotients.
         assert!(exact <= bound * (1.0 + 1e-5), "{place:?} {}: {exact} of {bound}", meshes()[place.light].0);
+        // The rounding of pi.
         assert!(bound <= 4.0 * PI * (1.0 + 1e-6));
         widest = widest.max(exact / bound);
         over_half += usize::from(exact > 0.5 * bound);
@@ -458,6 +463,7 @@ fn samples_converge_to_the_closed_form(gpu: &Gpu) {
         for s in got.chunks_exact(2).filter(|s| s[0][3] > 0.0) {
             let direction = DVec3::new(s[0][0].into(), s[0][1].into(), s[0][2].into());
             let point = place.position.as_dvec3() + direction * f64::from(s[1][3]);
+            // A direction and a distance of up to 3.5, with a few roundings of 6e-8 each: 1e-6.
             assert!(triangles.iter().any(|t| height_over(t, point).abs() < 1e-5), "{point} is off the light");
         }
     }
@@ -627,6 +633,7 @@ fn densities_are_those_of_the_sampler(gpu: &Gpu) {
         far += usize::from(!all);
         wrong += usize::from((pdf - share / solid_angle(&[own], two_sided, position)).abs() > 0.1 * pdf);
     }
+    // Guards: triangles are sampled both ways, and the two differ.
     assert!(near > 20 && far > 100 && wrong > 20, "{near} {far} {wrong}");
 }
 
@@ -667,6 +674,7 @@ fn rays_have_the_density_of_light_points(gpu: &Gpu) {
             compared += 1;
         }
     }
+    // A guard: many sampled points are compared.
     assert!(compared > 1500, "{compared}");
 }
 
@@ -718,8 +726,10 @@ fn emission_follows_power_and_cosine(gpu: &Gpu) {
             let t = &triangles[index];
             by_part[index * 4 + quarter(t, v(0))] += 1;
             let outward = (t[1] - t[0]).cross(t[2] - t[0]).normalize();
+            // Three products and sums of coordinates of unit size.
             assert!(height_over(t, v(0)).abs() < 1e-6, "{} is off its triangle", v(0));
             let front = v(2).dot(outward);
+            // Lengths of unit vectors in f32, here and below.
             assert!((front.abs() - 1.0).abs() < 1e-5 && (two_sided || front > 0.0));
             by_side[usize::from(front > 0.0)] += 1;
             let cosine = v(1).dot(v(2));
@@ -734,6 +744,7 @@ fn emission_follows_power_and_cosine(gpu: &Gpu) {
         chi_square(&by_part, &expected, family).unwrap_or_else(|e| panic!("triangles of {light}: {e}"));
         let halves = if two_sided { [N as f64 / 2.0; 2] } else { [0.0, N as f64] };
         let spread = (N as f64 / 4.0).sqrt();
+        // Four standard deviations of a binomial.
         assert!((by_side[0] as f64 - halves[0]).abs() < 4.0 * spread, "{by_side:?}");
     }
 }
@@ -787,6 +798,7 @@ fn punctual_lights_follow_the_extension(gpu: &Gpu) {
         }
         let bits = closed[3] as u32;
         assert_eq!(bits & 2, 2, "punctual lights have a closed form");
+        // Nearer to the horizon, to the range or to the cone, rounding decides.
         if expected > 1e-5 {
             assert_eq!(bits & 1, 0, "{place:?}");
             lit[place.light] += 1;
@@ -795,6 +807,7 @@ fn punctual_lights_follow_the_extension(gpu: &Gpu) {
             dark[place.light] += 1;
         }
     }
+    // A guard: each light is seen and dark at some places.
     assert!(lit.iter().chain(&dark).all(|n| *n > 20), "{lit:?} {dark:?}");
 
     for light in 0..4 {
@@ -814,10 +827,12 @@ fn punctual_lights_follow_the_extension(gpu: &Gpu) {
                     let centre = DVec3::new(0.0, -1.0, 0.0);
                     let from_axis = v(0) - centre - axis * axis.dot(v(0) - centre);
                     assert!(axis.dot(v(0) - centre) < -2f64.sqrt(), "starts before the scene");
+                    // Roundings of a unit vector in f32.
                     assert!(v(1).distance(axis) < 1e-6);
                     ((from_axis.length() / (2f64.sqrt() * 1.001)).powi(2), azimuth(from_axis))
                 }
             };
+            // A few roundings of f32, over a height of the cone of 0.3 at least.
             assert!((-1e-5..1.0 + 1e-5).contains(&a), "light {light}: {a}");
             cells[((a * 8.0) as usize).min(7) * 8 + ((b * 8.0) as usize).min(7)] += 1;
             if light < 3 {

@@ -226,6 +226,7 @@ fn a_floor_under_a_rectangle_has_lamberts_irradiance(gpu: &Gpu) {
         tested += 1;
         caught += usize::from(z_test(mean, error, expected * 1.2, pixels as u32).is_err());
     }
+    // Guards: pixels are tested, and a fifth too much is found at half of them.
     assert!(tested > 80 && caught > tested / 2, "{caught} of {tested}");
     assert!(rendered.indirect.iter().all(|v| v[..3] == [0.0; 3]), "the light reflects nothing, the floor is flat");
 }

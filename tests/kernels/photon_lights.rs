@@ -270,6 +270,7 @@ fn a_ray_through_ten_thousand_layers_keeps_its_cap(gpu: &Gpu) {
             if shadow == 1 {
                 depths[(depth * 10.0) as usize] += 1;
             } else {
+                // The first layer is 1 / LAYERS from the front.
                 assert!(depth < 2.0 / LAYERS as f64, "an illumination photon at depth {depth}");
             }
         }

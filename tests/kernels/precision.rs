@@ -155,6 +155,7 @@ fn intersection(gpu: &Gpu) -> Vec<Row> {
         rows.push(Row::new("hit point", format!("off its plane, {family}"), "largest coordinate", 2.0, planes));
         // Here the smallest height counts. It is reported negative, so that it is the largest.
         let lost = heights.iter().map(|height| -height).collect();
+        // A coordinate of 1/32 moves by 256 of its units, which are 8 of one near 1. Smaller ones move farther.
         rows.push(Row::new("offset", format!("-height of the origin, {family}"), "largest coordinate", -8.0, lost));
     }
     rows

@@ -212,6 +212,7 @@ impl Oracle<'_> {
                 break;
             }
             if self.fault != Fault::Planes {
+                // Distances of up to 3, with some roundings of 6e-8 each: below 1e-6.
                 if (crossing.t - near).abs().min((crossing.t - far).abs()) < 1e-5 {
                     return Err(());
                 }
@@ -346,6 +347,7 @@ impl Oracle<'_> {
         };
         if texture.filter == Filter::Nearest && self.fault != Fault::Filter {
             // Texels begin at whole numbers.
+            // Barycentric coordinates are off by 4e-7 (1e-7 of panels of 0.26), over at most 40 texels: 2e-5.
             let to_border = (position - position.round()).abs().min_element();
             return if to_border < 1e-4 { Err(()) } else { Ok(at(position.x.floor(), position.y.floor())) };
         }
@@ -635,6 +637,7 @@ fn guides_tell_what_chance_chose(gpu: &Gpu) {
     let mut counts = [0; 3];
     for i in 0..first.len() {
         // Beside the pane chance decides nothing.
+        // The pane is at z = 0, the walls half a unit before and behind it.
         let on_pane = first[i].z.abs() < 1e-3;
         let reflected = position[i].z > 0.5;
         counts[usize::from(on_pane) + usize::from(reflected)] += 1;

@@ -96,6 +96,7 @@ fn emission_towards_receivers_brings_the_same_power(gpu: &Gpu) {
             "light {light}: {share}, {}",
             info.received_share
         );
+        // The farthest lights are 36 units away: directions and origins are off by 36 * 6e-8 = 2e-6.
         let met = towards.iter().filter(|ray| part(ray, 1e-5).is_some()).count();
         if share < 0.5 {
             narrowed += 1;
@@ -132,8 +133,10 @@ fn black_lamps_receive_nothing() {
     let receivers = ReceiverBounds::of(&scene).unwrap();
     assert_eq!(receivers.centre, Vec3::X * 0.5);
     let radius = 0.03f32.sqrt();
+    // The bounds are larger by 1e-4, and by 1e-4 of the radius.
     assert!(receivers.radius > radius && receivers.radius < radius + 2e-4, "{receivers:?}");
     scene.materials[1].specular.factor = 0.5;
+    // Half of the distance from 0.6 to -0.9 is 0.75.
     assert!(ReceiverBounds::of(&scene).unwrap().radius > 0.7, "a lamp that reflects is a receiver");
     let shade = Material { diffuse_transmission: DiffuseTransmission::new(0.5, Vec3::ONE), ..black.clone() };
     scene.materials[1] = shade;

@@ -324,6 +324,7 @@ fn potentials_are_irradiances(gpu: &Gpu) {
         }
     }
     println!("{positive} points that lights reach; {:?}", ratios.iter().map(Vec::len).collect::<Vec<_>>());
+    // A guard: many queries have light.
     assert!(positive > 1000);
     let all: Vec<f64> = ratios.iter().flatten().copied().collect();
     let (smallest, largest) = all.iter().fold((f64::MAX, 0.0f64), |(a, b), r| (a.min(*r), b.max(*r)));

@@ -388,6 +388,7 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
                 sums[i].1 += size;
                 let class = if pixel_of(&setup.candidates.tile, i).1 == 0 { word & 7 } else { 0 };
                 let counts = [class, word >> 3 & 511, word >> 12 & 511].map(|v| v as f32);
+                // A quotient of counts, and one by the audit probability: a few roundings of f32.
                 let same = [got[0], got[2], got[3]] == counts
                     && (f64::from(got[1]) - visible).abs() <= 1e-5 * (1.0 + visible.abs());
                 wrong[1] += usize::from(!same);

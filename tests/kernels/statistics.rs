@@ -79,6 +79,7 @@ fn normal_quantile(p: f64) -> f64 {
 /// The tests distinguish a fair die from a loaded one.
 #[test]
 fn a_loaded_die_is_found() {
+    // The quantile from a table has six decimals.
     assert!((normal_quantile(0.975) - 1.959964).abs() < 1e-5);
     let expected = [1000.0; 6];
     chi_square(&[990, 1013, 1007, 980, 1020, 990], &expected, 1).unwrap();

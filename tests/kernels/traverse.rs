@@ -480,6 +480,7 @@ fn slivers_leave_no_gaps(gpu: &Gpu) {
         for ((ray, answer), on_plane) in rays.iter().zip(found).zip(on_planes) {
             let t = f64::from(ray.origin.z) / -f64::from(ray.direction.z);
             assert!(answer.primitive != NO_HIT, "{ray:?} passes between slivers of width {width}");
+            // The two quotients and their sum are rounded.
             assert!(answer.u >= 0.0 && answer.v >= 0.0 && answer.u + answer.v <= 1.000001, "{answer:?}");
             // Coordinates relative to the ray are below 1, so the three edge functions are off by 2^-21 in all, and
             // the barycentric coordinates by that over the determinant, 2 area = width: t moves so much of a

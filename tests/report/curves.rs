@@ -53,6 +53,7 @@ fn comparisons_give_ratios_of_errors_and_of_times() {
     assert_near(Some(comparison.error), 0.033);
     assert_near(Some(time_ratio.value), 1.0 / 3.0);
     // Both techniques vary alike from run to run, so the ratio has no uncertainty.
+    // Roundings of logarithms in f64, as above, times the quantile of Student's t for few runs.
     assert!(error_ratio.high - error_ratio.low < 1e-12);
     assert!(ratio(&ours, &theirs, |curve| curve.error_at(1000.0)).is_none());
 }

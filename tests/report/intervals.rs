@@ -25,6 +25,7 @@ fn a_geometric_mean_has_an_interval_of_factors() {
     let interval = Interval::of_geometric_mean(&[0.1, 10.0, 1.0]);
     // The decimal logarithms are -1, 0 and 1: standard error 1 / sqrt(3), t 4.303 for 2 degrees of freedom.
     let factor = 10f64.powf(4.303 / 3f64.sqrt());
+    // The table has three decimals.
     assert_near(interval.map(f64::log10), [0.0, -factor.log10(), factor.log10()], 5e-4);
     assert_eq!(Interval::of_geometric_mean(&[0.0, 1.0]), Interval::of_mean(&[0.0, 1.0]));
 }
@@ -36,6 +37,7 @@ fn a_share_has_wilsons_interval() {
     for (part, whole, low, high) in
         [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)]
     {
+        // The table has four decimals.
         assert_near(Interval::of_share(part, whole), [part as f64 / whole as f64, low, high], 5e-5);
     }
     assert_near(Interval::of_share(20, 20), [1.0, 1.0 - 0.1611, 1.0], 5e-5);

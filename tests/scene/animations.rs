@@ -169,6 +169,7 @@ fn pointers_move_cameras_lights_and_materials() {
     let still = strength(&stage().load());
     assert_eq!(strength(&load(&format!("{light}/intensity"), &[[2.0], [6.0]])).0, 2.0 * still.0);
     let (_, inner) = strength(&load(&format!("{light}/spot/innerConeAngle"), &[[0.0], [0.5]]));
+    // An angle and its cosine in f32, each rounded by less than 6e-8.
     assert!((inner - 0.25f32.cos()).abs() < 1e-6 && still.1 == 1.0, "{inner}");
     let pbr = "/materials/0/pbrMetallicRoughness";
     assert_eq!(load(&format!("{pbr}/roughnessFactor"), &[[0.25], [0.5]]).materials[0].roughness, 0.375);
@@ -278,6 +279,7 @@ fn steps_are_not_late_by_a_rounding() {
         let target = json!({ "node": 0, "path": "translation" });
         animate(&mut file, &[0., time as f32], &[[0f32; 3], [1., 0., 0.]], "STEP", target);
         assert_eq!(origin(&load(&file, time)).x, 1.0, "frame {frame}");
+        // A microsecond is more than the rounding of a time below 1 s to f32, which is 3e-8 s.
         assert_eq!(origin(&load(&file, time - 1e-6)).x, 0.0, "frame {frame}");
     }
 }

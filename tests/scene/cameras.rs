@@ -92,6 +92,7 @@ fn views_are_filled() {
             // Roundings of f32 positions of unit size.
             assert!((x.min(y) - 0.1).abs() < 1e-4, "{azimuth}, {elevation}, {aspect}, {fov}: {spans:?}");
             let [low, high] = if x < y { spans[0] } else { spans[1] };
+            // Twice that, for two sides.
             assert!((low + high).abs() < 2e-4, "{azimuth}, {elevation}, {aspect}, {fov}: {spans:?}");
             let towards = camera.axes[2];
             let (a, e) = (azimuth.to_radians(), elevation.to_radians());
@@ -123,7 +124,9 @@ fn turntables_stand_still() {
     for (view, camera) in (0u8..).zip(&cameras) {
         let (a, e) = ((azimuth + 45.0 * f32::from(view)).to_radians(), elevation.to_radians());
         let towards = Vec3::new(a.sin() * e.cos(), e.sin(), a.cos() * e.cos());
+        // The distance is a few units; below 8, half of a unit in the last place of f32 is 2.4e-7.
         assert!((camera.position - middle - distance * towards).length() < 1e-5, "view {view}: {}", camera.position);
+        // Roundings of unit vectors in f32.
         assert!((camera.axes[2] - towards).length() < 1e-6);
         let inside = spans(&scene, camera, aspect).map(|[low, high]| (low + 1.0).min(1.0 - high));
         margins.push(inside[0].min(inside[1]));
@@ -184,6 +187,7 @@ fn lenses_have_the_size_of_their_f_number() {
     let mut camera = scene.cameras[0].clone();
     let scale = scene.normalisation.scale();
     let metres = |length: f32| f64::from(length) / scale;
+    // Lengths and the tangent of the angle are f32, each with a relative rounding of 6e-8.
     let near = |x: f64, expected: f64| (x / expected - 1.0).abs() < 1e-6;
     scene.open_iris(&mut camera, Iris { f_number: 2.0, blades: 7 }, Focus::Auto).unwrap();
     let lens = camera.lens.unwrap();
@@ -300,6 +304,7 @@ fn the_framing_camera_sees_every_corner() {
     let camera = scene.frame_camera();
     let Projection::Perspective { yfov, aspect: None } = camera.projection else { panic!("{camera:?}") };
     let [right, up, backward] = camera.axes;
+    // 1 for a right-handed frame of unit vectors in f32, and -1 for a left-handed one.
     assert!(right.cross(up).dot(backward) > 0.999, "a right-handed frame");
     assert!(backward.z > 0.0 && backward.y > 0.0, "from the front, from above");
     for vertex in scene.vertices.iter() {

@@ -72,6 +72,7 @@ fn normals_and_tangents_follow_the_joints_and_a_mirror_flips_the_winding() {
     file.json["meshes"][0]["primitives"][0]["attributes"]["TANGENT"] = json!(tangents);
     file.json["nodes"][1]["rotation"] = json!([0, std::f64::consts::FRAC_1_SQRT_2, 0, std::f64::consts::FRAC_1_SQRT_2]);
     for vertex in file.load().vertices.iter() {
+        // Roundings of unit vectors in f32.
         assert!((vertex.normal - Vec3::X).length() < 1e-6, "{}", vertex.normal);
         assert!((vertex.tangent - Vec4::new(0.0, 0.0, -1.0, 1.0)).length() < 1e-6, "{}", vertex.tangent);
     }
@@ -195,6 +196,7 @@ fn targets_displace_positions_normals_and_tangents() {
     // (0, 0, 1) + (1, 0, 0) / 2 and (1, 0, 0) - (0, 0, 1) / 2, of unit length; the handedness stays.
     let (normal, tangent) = (Vec3::new(0.5, 0.0, 1.0).normalize(), Vec3::new(1.0, 0.0, -0.5).normalize());
     for vertex in scene.vertices.iter() {
+        // Roundings of unit vectors in f32.
         assert!((vertex.normal - normal).length() < 1e-6, "{}", vertex.normal);
         assert!((vertex.tangent - tangent.extend(-1.0)).length() < 1e-6, "{}", vertex.tangent);
     }

@@ -261,6 +261,7 @@ fn normalisation_is_independent_of_position_and_scale() {
     // 1e6 m and 0.1: f32 would round the translation to 1/16.
     file.json["nodes"][0] = json!({ "mesh": 0, "translation": [1e6 + 0.1, 0, 0] });
     let centre = file.load().normalisation.centre;
+    // A unit in the last place of f64 is 1.2e-10 at 1e6.
     assert!((centre - DVec3::new(1e6 + 1.1, 0.0, 3.5)).length() < 1e-9, "{centre}");
 }
 

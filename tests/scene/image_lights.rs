@@ -66,6 +66,7 @@ fn assert_faces(scene: &Scene, rotation: DQuat) {
             let expected = [linear(40.0 * (face + 1) as f64), if height > 0.0 { 1.0 } else { linear(188.0) }, 0.0];
             for (found, expected) in found.into_iter().zip(expected) {
                 let expected = expected * divided;
+                // Texels are f32: the sRGB curve, the division by alpha and the factor are each rounded.
                 assert!((found - expected).abs() < 1e-5 * expected.max(1.0), "face {face}: {found}, not {expected}");
             }
         }

@@ -122,6 +122,7 @@ fn parts_of_instances() {
     let turned = DAffine3::from_scale_rotation_translation(DVec3::ONE, DQuat::from_xyzw(0., 0., 1., 0.), DVec3::X * 8.);
     for (corner, expected) in world(&scene)[1].iter().zip([[0., 0., 0.], [4., 0., 0.], [0., 2., 0.]]) {
         let expected = turned.transform_point3(DVec3::from_array(expected));
+        // Positions are f32 below 1 in normalised space, of which 1 is 16 here: each is rounded by 5e-7 or less.
         assert!(DVec3::from_array(*corner).distance(expected) < 1e-5, "{corner:?} {expected}");
     }
 }
@@ -314,6 +315,7 @@ fn meshes_are_stored_once() {
     assert_eq!(a.len(), b.len());
     for (a, b) in a.iter().zip(&b) {
         for (a, b) in a.iter().zip(b) {
+            // Positions are f32 below 1 in normalised space, of which 1 is at most 64 here: roundings of 1.9e-6.
             assert!(DVec3::from(*a).distance(DVec3::from(*b)) < 1e-5, "{a:?} {b:?}");
         }
     }
@@ -322,6 +324,7 @@ fn meshes_are_stored_once() {
     assert_eq!([mirrored(0), mirrored(1)], [-1.0, 1.0]);
     let corners = |scene: &Scene| scene.bounds().unwrap().map(|p| scene.normalisation.undo(p));
     let [[low, high], [shared_low, shared_high]] = [&copied, &shared].map(corners);
+    // The same roundings.
     assert!(low.distance(shared_low) < 1e-5 && high.distance(shared_high) < 1e-5);
     let framed = |scene: &Scene| scene.frame_camera().position;
     assert!(framed(&copied).distance(framed(&shared)) < 1e-5);

@@ -154,9 +154,11 @@ fn textured_emitters_emit_their_mean() {
     // sRGB 188 is 0.5029 linear, by the standard's formula ((188/255 + 0.055) / 1.055)^2.4.
     let scene = textured(1, 1, &[[188, 0, 0, 255]], [[0., 0.], [1., 0.], [0., 1.]]);
     let mean = emitters(&scene, 0)[0].radiance;
+    // 0.5029 has four decimals: half of the last one is 5e-5.
     assert!((mean - Vec3::new(8.0 * 0.5029, 0.0, 0.0)).length() < 8.0 * 1e-4, "{mean}");
     // Tiled into the white half, with v beyond the image.
     let scene = textured(2, 1, &half, [[1.6, -3.], [1.9, 2.], [1.6, 7.]]);
+    // A mean of 64 equal points in f32: at most 64 roundings of 6e-8 of it.
     assert!((emitters(&scene, 0)[0].radiance - Vec3::splat(8.0)).length() < 1e-4);
     // Bilinear with texel centres at u = 1/4 and 3/4: a third of the way gives a third of the light.
     const LINEAR: u32 = 9729;
@@ -231,6 +233,7 @@ fn the_default_light_lights_a_white_surface_that_faces_it_to_one() {
         let [a, b, c] = scene.triangle_positions(emitter.triangle as usize).map(|p| scene.normalisation.undo(p));
         let cross = (b - a).cross(c - a);
         let normal = cross.normalize();
+        // Roundings of corners to f32.
         assert!((normal + towards).length() < 1e-6, "faces the middle of the scene");
         let area = 0.5 * cross.length() / f64::from(N * N);
         for i in 0..N {

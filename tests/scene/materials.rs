@@ -251,6 +251,7 @@ fn texture_transform_scales_rotates_and_translates() {
         let scene = with_material(json!({ "normalTexture": texture }), 1).load();
         scene.materials[0].normal_texture.unwrap()
     };
+    // Products of f32 cosines and numbers up to 4: half of a unit in the last place of 4 is 2.4e-7.
     let close = |a: Vec2, b: Vec2| assert!((a - b).length() < 1e-6, "{a} for {b}");
     let s = info(json!({ "offset": [0.5, 0.25], "scale": [2, 4], "texCoord": 1 }));
     assert_eq!(s.uv_set, 1);

@@ -54,6 +54,7 @@ fn objects_stand_where_their_nodes_are() {
     let scene = file(extension, json!({ "translation": [100, 0, 0], "scale": [2, 1, 1] })).load();
     let [object] = &scene.procedurals[..] else { panic!("{:?}", scene.procedurals) };
     let [low, high] = scene.bounds().unwrap().map(|p| scene.normalisation.undo(p));
+    // Positions about the centre are f32 below 1 in normalised space, of which 1 is 8 here: a rounding is 2.4e-7.
     let near = |a: DVec3, b: DVec3| a.distance(b) < 1e-5;
     assert!(near(low, DVec3::new(98.0, -2.0, -3.0)) && near(high, DVec3::new(102.0, 2.0, 3.0)), "{low} {high}");
     let own = object.to_own.transform_point3(scene.normalisation.apply(DVec3::new(101.0, 0.5, -1.0)).as_dvec3());

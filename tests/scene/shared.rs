@@ -218,6 +218,7 @@ fn the_reference_box_matches_its_description() {
     let eye = scene.normalisation.undo(camera.position);
     assert!(eye.distance(numbers(&list["camera"]["eye"])) < TOLERANCE, "{eye}");
     let Projection::Perspective { yfov, .. } = camera.projection else { panic!("{camera:?}") };
+    // An angle in f32, rounded in radians and in degrees by a relative 6e-8 each.
     assert!((f64::from(yfov.to_degrees()) - list["camera"]["yfov_deg"].as_f64().unwrap()).abs() < 1e-5);
     let [light] = &scene.lights[..] else { panic!("{:?}", scene.lights) };
     let LightKind::Mesh { emitters, .. } = &light.kind else { panic!("{light:?}") };
