@@ -145,8 +145,7 @@ fn bytes_of_image(settings: &Settings, has_indirect: bool) -> u64 {
         return raw + denoisers(has_indirect, has_second_sample(settings));
     }
     // Errors are estimated before the channels are made.
-    let adapts = settings.image.noise.is_some() || settings.image.allocates_samples();
-    if adapts && has_second_sample(settings) { raw.max(ERRORS) } else { raw }
+    if settings.estimates_error() && has_second_sample(settings) { raw.max(ERRORS) } else { raw }
 }
 
 /// Bytes of a pixel that denoisers take. Halves of the samples are there after the second one.

@@ -19,11 +19,11 @@ const HEADER: usize = 80;
 const LEVEL: usize = 24;
 const DESCRIPTORS: [usize; 2] = [44, 60];
 
-/// Byte of a descriptor whose lower half is the channel of its first sample; and the channels of images that have green
-/// where others have alpha (Khronos Data Format 1.3, models ETC1S and UASTC): ETC1S with a sample for red, whose second
-/// one is green, and UASTC with red three times and green.
+/// The byte of a descriptor whose lower half names the channel of its first sample (Khronos Data Format 1.3).
 const CHANNEL: usize = 31;
+/// Red, in ETC1S. A second sample is green then, in the place of alpha.
 const ETC1S_RRR: u8 = 3;
+/// Red three times, and green in the place of alpha, in UASTC.
 const UASTC_RRRG: u8 = 5;
 
 /// Bytes of a block of 4 x 4 texels in UASTC.

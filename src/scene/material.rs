@@ -400,7 +400,7 @@ impl Reader<'_, '_> {
         use ColourSpace::{Linear, Srgb};
         let mut m =
             Material { name: json.name()?.unwrap_or_else(|| format!("material {index}")), ..Default::default() };
-        // It takes the place of metal and roughness, whose textures are not read then.
+        // The extension takes the place of metal and roughness, whose textures are not read then.
         let converted = specular_glossiness::read(json, self)?;
         if let Some(pbr) = json.get("pbrMetallicRoughness")?.filter(|_| converted.is_none()) {
             m.base_colour = pbr.numbers_in::<4>("baseColorFactor", 1.0, 0.0..=1.0)?.into();
