@@ -133,6 +133,7 @@ static FAILED: AtomicBool = AtomicBool::new(false);
 #[no_mangle] pub extern "C" fn oidnSetSharedFilterImage(
     _: usize, _: *const c_char, _: usize, _: c_int, _: usize, _: usize, _: usize, _: usize, _: usize) {}
 #[no_mangle] pub extern "C" fn oidnSetFilterBool(_: usize, _: *const c_char, _: bool) {}
+#[no_mangle] pub extern "C" fn oidnSetFilterInt(_: usize, _: *const c_char, _: c_int) {}
 #[no_mangle] pub extern "C" fn oidnCommitFilter(_: usize) {}
 #[no_mangle] pub extern "C" fn oidnExecuteFilter(_: usize) { FAILED.store(true, Ordering::SeqCst) }
 #[no_mangle] pub extern "C" fn oidnReleaseFilter(_: usize) {}
