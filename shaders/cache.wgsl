@@ -1,9 +1,9 @@
 // cache: the irradiance cache (Ward and Heckbert 1992). `request` lists the points that the existing records do not
 // cover well enough: these points get records of their own. `interpolate` interpolates the diffuse indirect light of a
-// tile's points from the records. It queues for path tracing the points that no record covers and those that are not
-// Lambertian.
+// tile's points from the records. It queues for path tracing the points that are not Lambertian or seen in mirrors, and
+// apart from them those that no record covers.
 // In: `points`, `surfaces` and the records (lib/record).
-// Out: `wanted_points`, `radiance_indirect` and `path_points`.
+// Out: `wanted_points`, `radiance_indirect`, `path_points` and `uncovered_points`.
 
 import package::kit::{dispatch_groups, group_index};
 import package::lib::bsdf::bsdf_diffuse;
@@ -33,10 +33,15 @@ var<immediate> cache_pass: CacheParameters;
 @group(0) @binding(3) var<storage, read_write> wanted_points: array<u32>;
 // w is 1 where the diffuse part of the light is complete.
 @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
-// Number of points left to path tracing, their indices, and the arguments of a dispatch over them.
+// Number of points left to path tracing for other reasons than missing records, their indices, and the arguments of a
+// dispatch over them.
 @group(0) @binding(5) var<storage, read_write> path_count: array<atomic<u32>, 1>;
 @group(0) @binding(6) var<storage, read_write> path_points: array<u32>;
 @group(0) @binding(7) var<storage, read_write> path_arguments: array<u32, 3>;
+// The same of the points that no record covers.
+@group(0) @binding(8) var<storage, read_write> uncovered_count: array<atomic<u32>, 1>;
+@group(0) @binding(9) var<storage, read_write> uncovered_points: array<u32>;
+@group(0) @binding(10) var<storage, read_write> uncovered_arguments: array<u32, 3>;
 
 // The light that the records give at point i. A lane without a point passes false for `wants`.
 fn interpolate_at(i: u32, surface: VisibleSurface, point: Point, wants: bool, lane: u32) -> Interpolated {
@@ -99,18 +104,17 @@ fn interpolate(
     let found = interpolate_at(i, surface, point, wants, lane);
     if i >= cache_pass.tile.point_count { return; }
     var light = vec4f(0.0, 0.0, 0.0, 1.0);
-    var queued = reflects_beyond(surface, point);
-    if behind_chain {
+    let is_uncovered = wants && found.weight <= 0.0;
+    if behind_chain || is_uncovered {
         light = vec4f(0.0);
-        queued = true;
     } else if wants {
         light = vec4f(bsdf_diffuse(visible_surface(surface, point)) * found.irradiance, 1.0);
-        if found.weight <= 0.0 {
-            light = vec4f(0.0);
-            queued = true;
-        }
     }
-    if queued { path_points[atomicAdd(&path_count[0], 1u)] = i; }
+    if is_uncovered {
+        uncovered_points[atomicAdd(&uncovered_count[0], 1u)] = i;
+    } else if behind_chain || reflects_beyond(surface, point) {
+        path_points[atomicAdd(&path_count[0], 1u)] = i;
+    }
     radiance_indirect[i] = light;
 }
 
@@ -138,4 +142,6 @@ fn change(
 fn arrange_paths() {
     let size = dispatch_groups(atomicLoad(&path_count[0]), PATH_GROUP);
     path_arguments = array(size.x, size.y, size.z);
+    let of_uncovered = dispatch_groups(atomicLoad(&uncovered_count[0]), PATH_GROUP);
+    uncovered_arguments = array(of_uncovered.x, of_uncovered.y, of_uncovered.z);
 }

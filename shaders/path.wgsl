@@ -40,13 +40,16 @@ struct PathParameters {
     max_indirect: f32,
     // 1: the points are hits of gather rays (lib/gather_hit), 0: they are points of the tile.
     from_hits: u32,
+    // Paths of each point, whose mean is its light, and the number of this one. Each takes a dispatch of its own.
+    paths_per_point: u32,
+    path_number: u32,
 }
 
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
-// The points for which records do not give all light: those that no record covers, and those that are not Lambertian;
-// or the gather rays to continue, with what their paths start from.
+// Points for which records do not give all light: those that no record covers, or those that are not Lambertian; or the
+// gather rays to continue, with what their paths start from.
 @if(irradiance_cache) @group(0) @binding(5) var<storage, read> path_count: array<u32, 1>;
 @if(irradiance_cache) @group(0) @binding(6) var<storage, read> path_points: array<u32>;
 @if(irradiance_cache) @group(0) @binding(8) var<storage, read> gather_hits: array<GatherHit>;
@@ -99,12 +102,12 @@ fn path(
                 // The results of a path that exceeded the loop budget are wrong.
                 if traversal_overrun { found = PathRadiance(vec3f(invalid_sample(i)), vec3f(invalid_sample(i))); }
                 let so_far = radiance_direct[i];
-                radiance_direct[i] = vec4f(so_far.xyz + found.direct, so_far.w);
+                radiance_direct[i] = vec4f(so_far.xyz + found.direct / f32(parameters.paths_per_point), so_far.w);
             } else if !finite {
                 // A single ray would make its record invalid, and with it all points that interpolate from the record.
                 found.indirect = vec3f(0.0);
             }
-            indirect = found.indirect;
+            indirect = found.indirect / f32(parameters.paths_per_point);
         }
         var distance = 0.0;
         @if(irradiance_cache || photon_map) {
@@ -156,14 +159,14 @@ struct Beginning {
 
 // The path from point i of the tile, as it reaches the camera through the specular chain.
 fn begin_at_tile(path: ptr<function, Beginning>, i: u32, point: Point, surface: VisibleSurface) {
-    (*path).vertex.sample_index = tile_sample(parameters.tile, i);
+    let sample = tile_sample(parameters.tile, i);
+    // The paths of all samples of a pixel are stratified together.
+    (*path).vertex.sample_index = sample * parameters.paths_per_point + parameters.path_number;
     @if((irradiance_cache || photon_map) && glossy) { (*path).vertex.residual = radiance_indirect[i].w != 0.0; }
     (*path).seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
     @if(caustics) { (*path).start.caustic_known = true; }
     @if(specular_chains) { (*path).throughput = visible_chain(surface, point).throughput; }
-    @if(dispersion) {
-        begin_wavelengths(pixel_seed(parameters.tile, i), (*path).vertex.sample_index, (*path).throughput);
-    }
+    @if(dispersion) { begin_wavelengths(pixel_seed(parameters.tile, i), sample, (*path).throughput); }
 }
 
 // The path from hit i of a gather ray, as it reaches the ray's record.

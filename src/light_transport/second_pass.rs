@@ -174,6 +174,8 @@ impl SecondPass<'_, '_> {
             light_samples: self.settings.shadow_rays.samples,
             max_indirect: self.settings.indirect.clamp.unwrap_or(f32::MAX),
             from_hits: 0,
+            paths_per_point: 1,
+            path_number: 0,
         };
         if let Some(indirect) = &self.lighting.indirect {
             indirect.trace_paths(self.frame, &parameters);

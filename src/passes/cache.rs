@@ -30,6 +30,9 @@ bindings! {
         pub path_count: &Buffer,
         pub path_points: &Buffer,
         pub path_arguments: &Buffer,
+        pub uncovered_count: &Buffer,
+        pub uncovered_points: &Buffer,
+        pub uncovered_arguments: &Buffer,
     }
 }
 
@@ -178,8 +181,10 @@ pub struct Cache(Kernel);
 pub struct CacheBuffers {
     wanted_count: Buffer,
     wanted_points: Buffer,
-    /// The points for path tracing: those that no record covers, and those that are not Lambertian.
+    /// The points for path tracing that records may cover: those that are not Lambertian or seen in mirrors.
     pub paths: PathQueue,
+    /// The points for path tracing that no record covers.
+    pub uncovered: PathQueue,
     /// A hit that nothing reads: queued points are no hits of gather rays, but pass `path` must have the binding.
     no_hits: Buffer,
 }
@@ -195,20 +200,31 @@ impl CacheBuffers {
             wanted_count: words("penumbra/cache/wanted_count", 1)?,
             wanted_points: words("penumbra/cache/wanted_points", points)?,
             paths: PathQueue::new(gpu, "cache", points)?,
+            uncovered: PathQueue::new(gpu, "cache/uncovered", points)?,
             no_hits: gpu.buffer::<GatherHit>("penumbra/cache/no_hits", 1)?,
         })
     }
 
+    /// The points that records may cover, and those that none covers, as pass `path` reads them.
+    pub fn queues(&self) -> [impl Bindings + '_; 2] {
+        [&self.paths, &self.uncovered].map(|queue| PointQueue { queue, no_hits: &self.no_hits })
+    }
+
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
-        self.wanted_points.bytes + self.paths.points.bytes
+        self.wanted_points.bytes + self.paths.points.bytes + self.uncovered.points.bytes
     }
 }
 
-impl Bindings for CacheBuffers {
-    /// The queue for path tracing.
+/// A queue of points of a tile, as pass `path` reads it.
+struct PointQueue<'a> {
+    queue: &'a PathQueue,
+    no_hits: &'a Buffer,
+}
+
+impl Bindings for PointQueue<'_> {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
-        self.paths.bindings().find(name).or_else(|| HitBindings { gather_hits: &self.no_hits }.find(name))
+        self.queue.bindings().find(name).or_else(|| HitBindings { gather_hits: self.no_hits }.find(name))
     }
 }
 
@@ -240,6 +256,9 @@ impl Cache {
             path_count: &buffers.paths.count,
             path_points: &buffers.paths.points,
             path_arguments: &buffers.paths.arguments,
+            uncovered_count: &buffers.uncovered.count,
+            uncovered_points: &buffers.uncovered.points,
+            uncovered_arguments: &buffers.uncovered.arguments,
         };
         let records_bound = records.bindings();
         let sets: Vec<&dyn Bindings> =
@@ -279,6 +298,7 @@ impl BoundCache {
     /// Interpolates the light at the tile's points from the records, and lists the points left to path tracing.
     pub fn record_interpolate(&self, frame: &mut Frame<'_>, buffers: &CacheBuffers, tile: &Tile) {
         frame.clear(&buffers.paths.count);
+        frame.clear(&buffers.uncovered.count);
         frame.run(&self.interpolate, tile.point_count, &self.parameters(tile));
         frame.run(&self.arrange_paths, 1, &self.parameters(tile));
     }

@@ -404,6 +404,8 @@ impl BoundGather {
             light_samples: 0,
             max_indirect: f32::MAX,
             from_hits: 1,
+            paths_per_point: 1,
+            path_number: 0,
             tile: Tile::default(),
         };
         for first in records.clone().step_by(records_at_once as usize) {

@@ -20,6 +20,10 @@ shared_struct! {
         pub max_indirect: f32,
         /// 1 where the points are hits of gather rays, 0 where they are points of the tile.
         pub from_hits: u32,
+        /// Paths of each point, whose mean is its light.
+        pub paths_per_point: u32,
+        /// Number of this path of each point, from 0.
+        pub path_number: u32,
     }
 }
 
@@ -210,8 +214,10 @@ impl BoundPath {
         frame.run(&self.0, parameters.tile.point_count, parameters);
     }
 
-    /// Traces one path from each point of a queue, dispatched by the indirect `arguments`.
+    /// Traces the paths of each point of a queue, dispatched by the indirect `arguments`.
     pub fn record_queued(&self, frame: &mut Frame<'_>, arguments: &Buffer, parameters: &PathParameters) {
-        frame.run_indirect(&self.0, arguments, 0, parameters);
+        for path_number in 0..parameters.paths_per_point {
+            frame.run_indirect(&self.0, arguments, 0, &PathParameters { path_number, ..*parameters });
+        }
     }
 }

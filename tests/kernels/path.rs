@@ -4,10 +4,11 @@
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
-use kernel_kit::{Gpu, kernel_test};
+use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::gpu_scene::GpuScene;
-use penumbra::internal::passes::path::{Path, PathParameters, PathQueue};
+use penumbra::internal::kernels::PATH_GROUP;
+use penumbra::internal::passes::path::{GatherHit, Path, PathParameters, PathQueue};
 use penumbra::internal::passes::primary::Primary;
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::render::film::Image;
@@ -96,7 +97,7 @@ fn render_clamped(
     let mut frame = gpu.frame("test");
     frame.clear(&buffers.counters);
     primary.record(&mut frame, &tile);
-    bound.record(&mut frame, &PathParameters { tile, max_bounces, light_samples: 1, max_indirect, from_hits: 0 });
+    bound.record(&mut frame, &PathParameters { max_bounces, max_indirect, ..one_path(tile) });
     frame.submit().unwrap();
     let read = |buffer: &kernel_kit::Buffer| gpu.read::<[f32; 4]>(buffer, point_count as usize).unwrap();
     let rendered = Rendered {
@@ -108,6 +109,97 @@ fn render_clamped(
     let results = rendered.direct.iter().chain(&rendered.indirect);
     assert!(results.flatten().all(|v| v.is_finite()), "poison or worse in the radiance");
     rendered
+}
+
+/// One path from each point of a tile.
+fn one_path(tile: Tile) -> PathParameters {
+    PathParameters {
+        tile,
+        max_bounces: 64,
+        light_samples: 1,
+        max_indirect: f32::MAX,
+        from_hits: 0,
+        paths_per_point: 1,
+        path_number: 0,
+    }
+}
+
+/// Four paths from each point of a queue add the mean of four samples that each have one, with the same rays. Points
+/// are the centres of pixels, so that all samples of a pixel have one point.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn paths_of_a_point_are_its_samples(gpu: &Gpu) {
+    const SIZE: u32 = 24;
+    const PATHS: u32 = 4;
+    let lamp = square(DVec3::new(0.0, 0.4, 0.0), DVec3::X * 0.1, DVec3::Z * 0.1);
+    let mut all =
+        scene(&[(inside_out(cube(DVec3::ZERO, 0.5)), surface(0.7, 0.0)), (lamp, surface(0.5, 8.0))], Vec::new());
+    let view = camera(DVec3::new(0.1, -0.2, 0.3), DVec3::new(0.3, 0.5, -1.0), 1.5);
+    let positions: Vec<_> = (0..all.triangles.len()).map(|i| all.triangle_positions(i)).collect();
+    let bvh = Bvh::build(&positions).unwrap();
+    all.reorder_triangles(&bvh.order);
+    let settings = Settings::default().with(|s| s.technique = Technique::PATH);
+    let needed = penumbra::internal::specialisation::Specialisation::new(&all, None, &settings).features;
+    let features = device_features(gpu).iter().fold(needed, |features, feature| features.with(feature, true));
+    let gpu_scene = GpuScene::new(gpu, &all, bvh, &view, [SIZE, SIZE], &features).unwrap();
+    let constants = gpu_scene.constants();
+    // Direct and indirect light by point, and the number of bounce rays. With `queued`, the points are in a queue.
+    let trace = |samples: u32, queued: Option<&[u32]>| -> ([Vec<[f32; 4]>; 2], u32) {
+        let features = features.clone().with(Feature::IrradianceCache, queued.is_some());
+        let tile = Tile { seed: 1, centred: 1.0, ..whole([SIZE, SIZE], samples) };
+        let count = tile.point_count as usize;
+        let mut buffers = TileBuffers::new(gpu, &features, tile.point_count, true).unwrap();
+        // As pass `cache` leaves points that no record covers.
+        buffers.radiance_indirect = Some(gpu.upload("test/indirect", &vec![[0f32; 4]; count]).unwrap());
+        let primary = Primary::new(gpu, &features, &constants).unwrap().bind(gpu, &buffers, &gpu_scene).unwrap();
+        let path = Path::new(gpu, &features, &constants).unwrap();
+        let mut frame = gpu.frame("test");
+        frame.clear(&buffers.counters);
+        primary.record(&mut frame, &tile);
+        if let Some(points) = queued {
+            let queue = [points.len() as u32, points.len().div_ceil(PATH_GROUP as usize) as u32];
+            let list = gpu.upload("test/path_points", points).unwrap();
+            let length = gpu.upload("test/path_count", &queue[..1]).unwrap();
+            let arguments = gpu.upload("test/arguments", &[queue[1], 1, 1]).unwrap();
+            let no_hits = gpu.buffer::<GatherHit>("test/no_hits", 1).unwrap();
+            let bindings =
+                Resources::new().with("path_count", &length).with("path_points", &list).with("gather_hits", &no_hits);
+            let bound = path.bind(gpu, &buffers, &[&gpu_scene, &bindings]).unwrap();
+            let parameters = PathParameters { paths_per_point: PATHS, ..one_path(tile) };
+            bound.record_queued(&mut frame, &arguments, &parameters);
+            frame.submit().unwrap();
+        } else {
+            path.bind(gpu, &buffers, &[&gpu_scene]).unwrap().record(&mut frame, &one_path(tile));
+            frame.submit().unwrap();
+        }
+        let light = [&buffers.radiance_direct, buffers.radiance_indirect.as_ref().unwrap()];
+        let counters: Vec<u32> = gpu.read(&buffers.counters, Counter::COUNT).unwrap();
+        assert_eq!(counters[Counter::Overrun as usize], 0);
+        (light.map(|buffer| gpu.read(buffer, count).unwrap()), counters[Counter::BounceRays as usize])
+    };
+    // Two samples of each pixel: their paths are the first four and the last four of eight.
+    for samples in [1, 2] {
+        let points: Vec<u32> = (0..SIZE * SIZE * samples).collect();
+        let (found, rays) = trace(samples, Some(&points));
+        let (single, single_rays) = trace(samples * PATHS, None);
+        assert_eq!(rays, single_rays);
+        // The largest difference of a point from the mean of some of its samples, over their light.
+        let difference = |used: usize| {
+            let of_light = |(found, single): (&Vec<[f32; 4]>, &Vec<[f32; 4]>)| {
+                let of_point = |(found, single): (&[f32; 4], &[[f32; 4]])| {
+                    let mean = single[..used].iter().map(|v| f64::from(v[0])).sum::<f64>() / used as f64;
+                    (f64::from(found[0]) - mean).abs() / mean.max(1e-3)
+                };
+                found.iter().zip(single.chunks(PATHS as usize)).map(of_point).fold(0.0, f64::max)
+            };
+            found.iter().zip(&single).map(of_light).fold(0.0, f64::max)
+        };
+        // Sums of four f32 in another order: four roundings of 6e-8.
+        assert!(difference(4) < 1e-6, "{samples} samples: {}", difference(4));
+        assert!(difference(3) > 0.1, "a path that is missing");
+    }
+    // Points that are not queued keep the light that they had.
+    let (some, _) = trace(1, Some(&[5]));
+    assert!(some[1].iter().enumerate().all(|(i, v)| (i == 5) == (v[0] > 0.0)));
 }
 
 /// A limit of indirect light is the lower one of the path's light and the limit, component by component; direct light
@@ -331,8 +423,7 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
         buffers.radiance_indirect = Some(gpu.poisoned::<[f32; 4]>("test/indirect", count).unwrap());
         let primary = Primary::new(gpu, &features, &constants).unwrap().bind(gpu, &buffers, &gpu_scene).unwrap();
         let path = Path::new(gpu, &features, &constants).unwrap();
-        let parameters =
-            PathParameters { tile, max_bounces: 0, light_samples: 4, max_indirect: f32::MAX, from_hits: 0 };
+        let parameters = PathParameters { max_bounces: 0, light_samples: 4, ..one_path(tile) };
         let mut frame = gpu.frame("test");
         frame.clear(&buffers.counters);
         primary.record(&mut frame, &tile);
