@@ -292,7 +292,7 @@ impl Setup {
             }
             let covered = weight > 0.0;
             let right = self.albedos[i].as_dvec3() * irradiance * self.seen(i) / PI;
-            let queues = queued == (covered && beyond) && uncovered == !covered;
+            let queues = queued == (covered && beyond) && uncovered != covered;
             let lists = wanted == (weight < MIN_WEIGHT) && queues;
             // A few roundings of light that is below 1.
             let lit = (light - right).abs().max_element() <= error + 1e-6 && got[3] == f64::from(u8::from(covered));
