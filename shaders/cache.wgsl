@@ -1,7 +1,7 @@
 // cache: the irradiance cache (Ward and Heckbert 1992). `request` lists the points that the existing records do not
 // cover well enough: these points get records of their own. `interpolate` interpolates the diffuse indirect light of a
-// tile's points from the records. It queues for path tracing the points that are not Lambertian or seen in mirrors, and
-// apart from them those that no record covers.
+// tile's points from the records. It queues for path tracing the points that are not Lambertian or are seen in mirrors.
+// The points that no record covers have a queue of their own.
 // In: `points`, `surfaces` and the records (lib/record).
 // Out: `wanted_points`, `radiance_indirect`, `path_points` and `uncovered_points`.
 

@@ -181,7 +181,7 @@ pub struct Cache(Kernel);
 pub struct CacheBuffers {
     wanted_count: Buffer,
     wanted_points: Buffer,
-    /// The points for path tracing that records may cover: those that are not Lambertian or seen in mirrors.
+    /// The points for path tracing that records may cover: those that are not Lambertian, or are seen in mirrors.
     pub paths: PathQueue,
     /// The points for path tracing that no record covers.
     pub uncovered: PathQueue,

@@ -216,7 +216,7 @@ impl OpenImageDenoise {
     }
 
     /// The guides, denoised: they are noisy at edges, and where glass or rough mirrors are seen. The lower
-    /// quality takes less than half of the time, and the error of the image stays the same to within 3 %.
+    /// quality takes less than half of the time, and the error of the image stays the same to within 4 %.
     fn denoise_guides(&self, size: [u32; 2], guides: &Guides) -> Result<[Vec<Colour>; 2]> {
         let run = |guide: Picture| self.execute(size, &[guide], &[], QUALITY_BALANCED);
         Ok([run(Picture::input(c"albedo", &guides.albedo))?, run(Picture::input(c"normal", &guides.normal))?])
