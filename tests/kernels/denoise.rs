@@ -445,8 +445,8 @@ fn single_samples_lose_noise_and_keep_edges(gpu: &Gpu) {
     let edge = |x: usize, y: usize| if x + y / 3 < SIZE / 2 { 1.0 } else { 2.0 };
     let kept = single.light(edge, 0.0).red(gpu);
     let worst = (0..kept.len()).map(|i| (kept[i] - f64::from(edge(i % SIZE, i / SIZE))).abs()).fold(0.0, f64::max);
-    // The spread of the light about an edge taken for noise moves pixels there by up to a third.
-    assert!(worst < 0.1, "{worst}");
+    // No pixel is averaged with one beyond the edge. Means of equal values are off by some roundings of 1e-7.
+    assert!(worst < 1e-5, "{worst}");
 }
 
 /// A texture is kept if the halves show that the variance is below that of independent samples, and is lost if it is

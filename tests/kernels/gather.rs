@@ -543,7 +543,8 @@ fn waves_add_up(gpu: &Gpu) {
         expected += share * (1.5 - expected);
         let variance = 3.0 * share * (1.0 - share) * (1.5 - before).powi(2);
         for found in buffers.read(gpu, point_count as usize).unwrap().0.into_iter().map(f64::from) {
-            assert!((found / variance - 1.0).abs() < 1e-3, "variance {found}, not {variance}");
+            // Twice the rounding of a mean (below) over its difference from 1.5, which is at least a few thousandths.
+            assert!((found / variance - 1.0).abs() < 1e-5, "variance {found}, not {variance}");
         }
         let values: Vec<[f32; 4]> = gpu.read(&buffers.values, 6 * point_count as usize).unwrap();
         for (head, values) in heads.iter().zip(values.chunks(6)) {
@@ -554,7 +555,7 @@ fn waves_add_up(gpu: &Gpu) {
                 assert!(!close(before) && !close(before + 0.4 * (1.5 - before)), "another share would do");
             }
             // Facets are up to 0.3 % nearer than the sphere.
-            assert!((head.distance - 0.4).abs() < 0.004, "{head:?}");
+            assert!((head.distance - 0.4).abs() < 0.003 * 0.4, "{head:?}");
         }
     }
 }

@@ -730,10 +730,10 @@ fn emission_follows_power_and_cosine(gpu: &Gpu) {
             assert!(height_over(t, v(0)).abs() < 1e-6, "{} is off its triangle", v(0));
             let front = v(2).dot(outward);
             // Lengths of unit vectors in f32, here and below.
-            assert!((front.abs() - 1.0).abs() < 1e-5 && (two_sided || front > 0.0));
+            assert!((front.abs() - 1.0).abs() < 1e-6 && (two_sided || front > 0.0));
             by_side[usize::from(front > 0.0)] += 1;
             let cosine = v(1).dot(v(2));
-            assert!(cosine >= 0.0 && (v(1).length() - 1.0).abs() < 1e-5);
+            assert!(cosine >= 0.0 && (v(1).length() - 1.0).abs() < 1e-6);
             // By the cosine law the squared cosine is uniform. Only the half of the azimuth is counted: the sign along
             // an edge.
             let quadrant = usize::from(v(1).dot((t[1] - t[0]).normalize()) > 0.0);

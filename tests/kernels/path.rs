@@ -5,8 +5,6 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, Resources, kernel_test};
-use penumbra::internal::bvh::Bvh;
-use penumbra::internal::gpu_scene::GpuScene;
 use penumbra::internal::kernels::PATH_GROUP;
 use penumbra::internal::passes::path::{GatherHit, Path, PathParameters, PathQueue};
 use penumbra::internal::passes::primary::Primary;
@@ -17,9 +15,8 @@ use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::{Settings, Technique};
 
-use crate::kit::device_features;
 use crate::light::{cube, form_factor, sphere, square};
-use crate::stage::whole;
+use crate::stage::{Stage, whole};
 use crate::statistics::{mean_and_error, z_test};
 
 pub use crate::meshes::{camera, inside_out, scene, surface};
@@ -64,25 +61,13 @@ pub fn render_with(
 /// As [`render_with`], with a limit of the indirect light of each path.
 fn render_clamped(
     gpu: &Gpu,
-    mut scene: Scene,
+    scene: Scene,
     camera: &Camera,
     [size, spp, max_bounces]: [u32; 3],
     max_indirect: f32,
     changed: impl Fn(Features) -> Features,
 ) -> Rendered {
-    let settings = Settings::default().with(|s| {
-        s.image.width = size;
-        s.image.height = size;
-        s.technique = Technique::PATH;
-    });
-    let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
-    let bvh = Bvh::build(&positions).unwrap();
-    scene.reorder_triangles(&bvh.order);
-    let specialisation = penumbra::internal::specialisation::Specialisation::new(&scene, None, &settings);
-    let device = device_features(gpu);
-    let features =
-        device.iter().fold(changed(specialisation.features), |features, feature| features.with(feature, true));
-    let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, [size, size], &features).unwrap();
+    let Stage { features, gpu_scene, .. } = Stage::new(gpu, scene, camera, [size, size], Technique::PATH, changed);
     let constants = gpu_scene.constants();
     let primary = Primary::new(gpu, &features, &constants).unwrap();
     let path = Path::new(gpu, &features, &constants).unwrap();
@@ -131,16 +116,10 @@ fn paths_of_a_point_are_its_samples(gpu: &Gpu) {
     const SIZE: u32 = 24;
     const PATHS: u32 = 4;
     let lamp = square(DVec3::new(0.0, 0.4, 0.0), DVec3::X * 0.1, DVec3::Z * 0.1);
-    let mut all =
-        scene(&[(inside_out(cube(DVec3::ZERO, 0.5)), surface(0.7, 0.0)), (lamp, surface(0.5, 8.0))], Vec::new());
+    let room = scene(&[(inside_out(cube(DVec3::ZERO, 0.5)), surface(0.7, 0.0)), (lamp, surface(0.5, 8.0))], Vec::new());
     let view = camera(DVec3::new(0.1, -0.2, 0.3), DVec3::new(0.3, 0.5, -1.0), 1.5);
-    let positions: Vec<_> = (0..all.triangles.len()).map(|i| all.triangle_positions(i)).collect();
-    let bvh = Bvh::build(&positions).unwrap();
-    all.reorder_triangles(&bvh.order);
-    let settings = Settings::default().with(|s| s.technique = Technique::PATH);
-    let needed = penumbra::internal::specialisation::Specialisation::new(&all, None, &settings).features;
-    let features = device_features(gpu).iter().fold(needed, |features, feature| features.with(feature, true));
-    let gpu_scene = GpuScene::new(gpu, &all, bvh, &view, [SIZE, SIZE], &features).unwrap();
+    let stage = Stage::new(gpu, room, &view, [SIZE, SIZE], Technique::PATH, |features| features);
+    let Stage { features, gpu_scene, .. } = stage;
     let constants = gpu_scene.constants();
     // Direct and indirect light by point, and the number of bounce rays. With `queued`, the points are in a queue.
     let trace = |samples: u32, queued: Option<&[u32]>| -> ([Vec<[f32; 4]>; 2], u32) {
@@ -166,11 +145,10 @@ fn paths_of_a_point_are_its_samples(gpu: &Gpu) {
             let bound = path.bind(gpu, &buffers, &[&gpu_scene, &bindings]).unwrap();
             let parameters = PathParameters { paths_per_point: PATHS, ..one_path(tile) };
             bound.record_queued(&mut frame, &arguments, &parameters);
-            frame.submit().unwrap();
         } else {
             path.bind(gpu, &buffers, &[&gpu_scene]).unwrap().record(&mut frame, &one_path(tile));
-            frame.submit().unwrap();
         }
+        frame.submit().unwrap();
         let light = [&buffers.radiance_direct, buffers.radiance_indirect.as_ref().unwrap()];
         let counters: Vec<u32> = gpu.read(&buffers.counters, Counter::COUNT).unwrap();
         assert_eq!(counters[Counter::Overrun as usize], 0);
@@ -385,7 +363,7 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
     let metal =
         |roughness| Material { metallic: 1.0, roughness, specular: Specular::with_factor(1.0), ..surface(0.9, 0.0) };
     let roughness = [0.1, 0.5];
-    let mut all = scene(
+    let all = scene(
         &[
             (panel(-0.33), metal(roughness[0])),
             (panel(0.0), metal(roughness[1])),
@@ -402,13 +380,8 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
         s.technique = Technique::TWO_PASS;
         s.indirect.max_bounces = 0;
     });
-    let positions: Vec<_> = (0..all.triangles.len()).map(|i| all.triangle_positions(i)).collect();
-    let bvh = Bvh::build(&positions).unwrap();
-    all.reorder_triangles(&bvh.order);
-    let needed = penumbra::internal::specialisation::Specialisation::new(&all, None, &settings).features;
-    assert!(needed.has(Feature::BsdfRays) && needed.has(Feature::Highlights));
-    let features = device_features(gpu).iter().fold(needed, |features, feature| features.with(feature, true));
-    let gpu_scene = GpuScene::new(gpu, &all, bvh, &view, [SIZE, SIZE], &features).unwrap();
+    let Stage { features, gpu_scene, .. } = Stage::of_settings(gpu, all, &view, &settings, |features| features);
+    assert!(features.has(Feature::BsdfRays) && features.has(Feature::Highlights));
     let constants = gpu_scene.constants();
     let tile = Tile { seed: 5, ..whole([SIZE, SIZE], SPP) };
     let count = tile.point_count as usize;

@@ -24,7 +24,7 @@ impl Stage {
     /// Uploads a scene for the passes of a technique. `changed` may modify the features.
     pub fn new(
         gpu: &Gpu,
-        mut scene: Scene,
+        scene: Scene,
         camera: &Camera,
         size: [u32; 2],
         technique: Technique,
@@ -37,11 +37,23 @@ impl Stage {
             // Images so small would have no photons unless their number is requested.
             s.visibility_map.photons_per_light = Some(4096);
         });
+        Stage::of_settings(gpu, scene, camera, &settings, changed)
+    }
+
+    /// As [`Stage::new`], for the passes of these settings.
+    pub fn of_settings(
+        gpu: &Gpu,
+        mut scene: Scene,
+        camera: &Camera,
+        settings: &Settings,
+        changed: impl Fn(Features) -> Features,
+    ) -> Stage {
         let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
         let bvh = Bvh::build(&positions).unwrap();
         scene.reorder_triangles(&bvh.order);
-        let needed = changed(Specialisation::new(&scene, None, &settings).features);
+        let needed = changed(Specialisation::new(&scene, None, settings).features);
         let features = device_features(gpu).iter().fold(needed, |features, feature| features.with(feature, true));
+        let size = [settings.image.width, settings.image.height];
         let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &features).unwrap();
         Stage { scene, features, gpu_scene }
     }

@@ -116,8 +116,8 @@ fn auto_is_compared_with_the_best_of_the_others() {
     assert_eq!(report.auto.len(), 2);
     for (row, budget) in report.auto.iter().zip([1.0, 2.0]) {
         assert_eq!((row.entrant, row.budget, row.best), (AUTO, budget, Entrant::raw(Technique::PATH)));
-        // Twice the difference is four times the relMSE.
-        assert!((row.ratio.value - 4.0).abs() < 1e-3, "{:?}", row.ratio);
+        // Twice the difference is four times the relMSE, up to the rounding of f32 pixels.
+        assert!((row.ratio.value - 4.0).abs() < 1e-5, "{:?}", row.ratio);
     }
     let csv = report.csv();
     let best = csv.lines().filter(|line| line.starts_with("auto,")).all(|line| line.rsplit(',').nth(1) == Some("path"));

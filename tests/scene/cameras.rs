@@ -90,10 +90,10 @@ fn views_are_filled() {
             let margin = |[low, high]: [f32; 2]| (low + 1.0).min(1.0 - high);
             let [x, y] = spans.map(margin);
             // Roundings of f32 positions of unit size.
-            assert!((x.min(y) - 0.1).abs() < 1e-4, "{azimuth}, {elevation}, {aspect}, {fov}: {spans:?}");
+            assert!((x.min(y) - 0.1).abs() < 1e-5, "{azimuth}, {elevation}, {aspect}, {fov}: {spans:?}");
             let [low, high] = if x < y { spans[0] } else { spans[1] };
             // Twice that, for two sides.
-            assert!((low + high).abs() < 2e-4, "{azimuth}, {elevation}, {aspect}, {fov}: {spans:?}");
+            assert!((low + high).abs() < 2e-5, "{azimuth}, {elevation}, {aspect}, {fov}: {spans:?}");
             let towards = camera.axes[2];
             let (a, e) = (azimuth.to_radians(), elevation.to_radians());
             let expected = Vec3::new(a.sin() * e.cos(), e.sin(), a.cos() * e.cos());
@@ -133,7 +133,7 @@ fn turntables_stand_still() {
     }
     // Roundings of f32 positions of unit size.
     let tightest = margins.into_iter().fold(f32::MAX, f32::min);
-    assert!((tightest - 0.1).abs() < 1e-4, "{tightest}");
+    assert!((tightest - 0.1).abs() < 1e-5, "{tightest}");
 }
 
 /// A triangle that fills half of the view covers half of it, as far as the view shows it. A turned camera sees none of

@@ -208,7 +208,7 @@ fn a_picked_pixel_tells_its_surface_and_its_lights() {
     let floor = settle(&mut session, [Command::Pick([0.5, 0.97])]).picked.unwrap();
     let hit = floor.hit.unwrap();
     // The normal of a floor is Y, up to the rounding of f32.
-    assert!(hit.normal.unwrap().y > 0.99, "{hit:?}");
+    assert!(hit.normal.unwrap().y > 1.0 - 1e-6, "{hit:?}");
     assert!(floor.lights.is_empty());
     let mut choices = choices(settings());
     choices.display.overlay = Overlay::Classes;
