@@ -260,7 +260,8 @@ fn samples_follow_their_density(gpu: &Gpu) {
             assert!(met[3] > 0.0 || radiance(&panorama, rotation, *direction) == DVec3::ZERO);
             sum += f64::from(met[3]) * solid_angle;
         }
-        // Up to 64 columns of 33 rows, each density a difference of f32 numbers that is off by 6e-8.
+        // Probabilities and solid angles are differences of f32 sums, whose roundings cancel in the integral. Products
+        // and quotients are left: a few roundings of 6e-8.
         assert!((sum - 1.0).abs() < 1e-5, "{width} x {height}: the density's integral is {sum}");
     }
 }

@@ -543,7 +543,7 @@ fn waves_add_up(gpu: &Gpu) {
         expected += share * (1.5 - expected);
         let variance = 3.0 * share * (1.0 - share) * (1.5 - before).powi(2);
         for found in buffers.read(gpu, point_count as usize).unwrap().0.into_iter().map(f64::from) {
-            // Twice the rounding of a mean (below) over its difference from 1.5, which is at least a few thousandths.
+            // A mean is off by up to 1e-5 (below), and differs from 1.5 by 3.75 or more: twice that share.
             assert!((found / variance - 1.0).abs() < 1e-5, "variance {found}, not {variance}");
         }
         let values: Vec<[f32; 4]> = gpu.read(&buffers.values, 6 * point_count as usize).unwrap();
