@@ -263,6 +263,10 @@ fn potentials_are_irradiances(gpu: &Gpu) {
         (panel(DVec3::new(-0.1, 0.3, 0.1), 0.2), surface(0.0, 2.0)),
         (panel(DVec3::new(-0.3, 0.4, 0.1), 0.01), double_sided(surface(0.0, 50.0))),
         (sphere(DVec3::new(0.3, 0.45, 0.2), 0.05, 3), surface(0.0, 20.0)),
+        // Lights in front of parts of which the centre of their box lies: a panel that is not symmetric, and two panels
+        // at different heights.
+        (vec![[DVec3::X * 0.3, DVec3::Y * 0.3, DVec3::Z * 0.3]], surface(0.0, 2.0)),
+        ([panel(DVec3::new(0.2, 0.4, 0.1), 0.03), panel(DVec3::new(0.4, 0.1, 0.1), 0.03)].concat(), surface(0.0, 9.0)),
     ];
     let (range, intensity) = (f32::INFINITY, Vec3::splat(0.2));
     let punctual = vec![

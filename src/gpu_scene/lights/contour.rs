@@ -53,6 +53,16 @@ pub(super) fn contours(triangles: &[[Vec3; 3]], radius: f64) -> Option<Vec<Conto
     (edges <= MAX_CONTOUR_EDGES).then_some(contours)
 }
 
+/// The normal of the plane in which all contours lie, if there is one and they all face the same way.
+pub(super) fn plane_normal(contours: &[Contour], radius: f64) -> Option<Vec3> {
+    let first = contours.first()?;
+    let is_in_plane = |contour: &Contour| {
+        let height = (contour.vertices[0] - first.vertices[0]).as_dvec3().dot(first.normal.as_dvec3());
+        contour.normal == first.normal && height.abs() <= COPLANAR * radius
+    };
+    contours.iter().all(is_in_plane).then_some(first.normal)
+}
+
 type Corner = [u32; 3];
 
 /// The boundary edges of the triangles, joined to closed chains. An edge is interior if another triangle has it in the

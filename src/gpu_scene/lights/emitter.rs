@@ -25,6 +25,7 @@ pub(super) struct ConvexLamp<'a> {
     pub triangles: &'a [[Vec3; 3]],
     /// The share of each triangle in the lamp's power.
     pub powers: &'a [f64],
+    /// A point within the lamp.
     pub centre: Vec3,
     pub radius: f32,
 }
@@ -92,7 +93,8 @@ impl Facet {
     /// centre if it faced the receiver. It is not below `least` if any position in the direction may see the triangle,
     /// else 0.
     fn sends(&self, view: &View, least: f64) -> f64 {
-        // A triangle that is visible from any position in a direction is visible from infinity in that direction.
+        // The centre lies below the plane of every triangle. So a triangle that is visible from any position in a
+        // direction from it is visible from infinity in that direction.
         if self.normal.dot(view.direction) <= -least {
             return 0.0;
         }
@@ -125,7 +127,9 @@ pub(super) fn partners(triangles: &[[Vec3; 3]]) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::mesh::centre_of_area;
     use super::*;
+    use crate::gpu_scene::bounds::sphere_about;
     use crate::random::r2;
 
     /// The triangles of an octahedron whose corners lie on a sphere, each divided into four, `times` times.
@@ -145,13 +149,21 @@ mod tests {
         triangles
     }
 
-    /// Triangles that face one of many directions, but have probability 0 in its cell.
-    fn missed(side: u32) -> usize {
-        let triangles = ball(3);
+    /// The corner that the plane through the unit vectors cuts off a cube.
+    fn cut_corner() -> Vec<[Vec3; 3]> {
+        let [o, x, y, z] = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z];
+        vec![[o, y, x], [o, x, z], [o, z, y], [x, y, z]]
+    }
+
+    /// Triangles that have probability 0 in the cell of a direction, but are visible in that direction from infinity, or
+    /// from as near as views are used. The lamp's centre is given.
+    fn missed(triangles: &[[Vec3; 3]], centre: Vec3, side: u32) -> usize {
         let powers = vec![1.0 / triangles.len() as f64; triangles.len()];
-        let lamp = ConvexLamp { triangles: &triangles, powers: &powers, centre: Vec3::ZERO, radius: 1.0 };
+        let (centre, radius) = sphere_about(centre, triangles.iter().flatten().copied());
+        let lamp = ConvexLamp { triangles, powers: &powers, centre, radius };
         let receivers = ReceiverBounds { centre: Vec3::new(0.5, -3.0, 1.0), radius: 6.0 };
         let views = lamp.cumulative_views(side, Some(receivers)).into_flattened();
+        let stride = triangles.len().next_multiple_of(4);
         let facets = lamp.facets();
         // Points of the map that fill it evenly, and lie in its folds too.
         const COUNT: u32 = 4096;
@@ -160,13 +172,16 @@ mod tests {
         let mut missed = 0;
         for [u, v] in points.chain(in_folds) {
             let direction = oct_unwrap(2.0 * u - 1.0, 2.0 * v - 1.0);
+            let nearest = direction * NEAR_LIGHT * f64::from(radius);
             let cell = |u: f64| ((u * f64::from(side)) as usize).min(side as usize - 1);
-            let view = &views[(cell(v) * side as usize + cell(u)) * facets.len()..][..facets.len()];
+            let view = &views[(cell(v) * side as usize + cell(u)) * stride..][..facets.len()];
             let below = std::iter::once(0.0).chain(view.iter().copied());
+            let is_visible =
+                |facet: &Facet| facet.normal.dot(direction) > 0.0 || facet.normal.dot(nearest - facet.centroid) > 0.0;
             missed += facets
                 .iter()
                 .zip(view.iter().zip(below))
-                .filter(|(facet, (end, start))| facet.normal.dot(direction) > 0.0 && *end <= start)
+                .filter(|(facet, (end, start))| is_visible(facet) && *end <= start)
                 .count();
         }
         missed
@@ -174,11 +189,16 @@ mod tests {
 
     /// A triangle that light may come from has a probability, or the image would lack its light.
     #[test]
-    fn every_triangle_that_faces_a_direction_may_be_sampled() {
+    fn every_visible_triangle_may_be_sampled() {
+        let (ball, corner) = (ball(3), cut_corner());
         for side in [16, 18, 30, 48] {
-            assert_eq!(missed(side), 0, "{side} cells a side");
+            for lamp in [&ball, &corner] {
+                assert_eq!(missed(lamp, centre_of_area(lamp), side), 0, "{side} cells a side");
+            }
         }
         // The folds of the map cross the middle of cells.
-        assert!(missed(17) > 0);
+        assert!(missed(&ball, Vec3::ZERO, 17) > 0);
+        // The centre of the box lies outside of the lamp.
+        assert!(missed(&corner, Vec3::splat(0.5), 48) > 0);
     }
 }

@@ -24,7 +24,6 @@ pub(super) fn pack((centre, radius): (Vec3, f32), irradiance: f64) -> Packed {
             two_sided: false,
             punctual: false,
             viewed: false,
-            planar: false,
             centre,
             radius: 0.0,
         },

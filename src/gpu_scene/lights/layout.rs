@@ -52,9 +52,8 @@ pub struct LightInfo {
     pub punctual: bool,
     /// Whether it is a convex lamp with tables of the triangles that are seen from each direction.
     pub viewed: bool,
-    /// Whether all its emitter triangles lie in one plane and face the same way.
-    pub planar: bool,
-    /// Centre of a bounding sphere of the light; for a directional light, of the scene.
+    /// Centre of a bounding sphere of the light; for a directional light, of the scene. That of a mesh light is its
+    /// centre of area.
     pub centre: Vec3,
     /// Radius of that sphere; 0 for point lights, spot lights and the environment.
     pub radius: f32,
@@ -78,7 +77,6 @@ impl LightInfo {
             two_sided: false,
             punctual: true,
             viewed: false,
-            planar: false,
             centre,
             radius,
         }

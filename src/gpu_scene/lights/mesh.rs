@@ -3,12 +3,12 @@
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, DVec4, Vec3};
 
-use super::contour::{Contour, contours};
+use super::contour::{Contour, contours, plane_normal};
 use super::emitter::{ConvexLamp, is_convex, partners};
 use super::layout::{self, EMITTER_TEXELS, Emission, LightInfo, Packed, bits, texels};
-use crate::gpu_scene::bounds::bounding_sphere;
+use crate::gpu_scene::bounds::sphere_about;
 use crate::gpu_scene::receivers::{ReceiverBounds, ReceiverCone};
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, Scene};
 use crate::specialisation::lights::{has_many_emitters, is_closed_mesh};
@@ -166,6 +166,18 @@ fn area([a, b, c]: &[Vec3; 3]) -> f64 {
     (*b - *a).as_dvec3().cross((*c - *a).as_dvec3()).length() / 2.0
 }
 
+/// The centre of area. It lies in the plane of a light that lies in one plane, and within a convex light. The centre of
+/// its box may lie outside of both: that of a corner cut off a cube lies in the air before the cut. From positions that
+/// such a centre hides, potentials (`mesh_potential`) and views ([`ConvexLamp`]) would never sample the light.
+pub(super) fn centre_of_area(triangles: &[[Vec3; 3]]) -> Vec3 {
+    let weighted = |triangle: &[Vec3; 3]| {
+        let centroid = triangle.iter().map(|corner| corner.as_dvec3()).sum::<DVec3>() / 3.0;
+        centroid.extend(1.0) * area(triangle)
+    };
+    let sum: DVec4 = triangles.iter().map(weighted).sum();
+    (sum.truncate() / sum.w).as_vec3()
+}
+
 fn push_contours(tables: &mut MeshTexels, contours: &[Contour]) {
     for contour in contours {
         tables.vertices.push(contour.normal.extend(contour.vertices.len() as f32 + 1.0).to_array());
@@ -185,7 +197,7 @@ pub(super) fn pack(
 ) -> Packed {
     let mesh = MeshLight::new(scene, material, emitters);
     let material = mesh.material;
-    let (centre, radius) = bounding_sphere(mesh.triangles.iter().flatten().copied());
+    let (centre, radius) = sphere_about(centre_of_area(&mesh.triangles), mesh.triangles.iter().flatten().copied());
     let first = mesh.push_emitters(tables, light);
     let two_sided = material.double_sided;
     let whole = material.alpha == AlphaMode::Opaque;
@@ -202,10 +214,8 @@ pub(super) fn pack(
         | flag(layout::COVERAGE, !whole)
         | flag(layout::VIEWED, view_side.is_some());
     let sides = if two_sided { 2.0 } else { 1.0 };
-    let normals = contours.iter().flatten().map(|contour| contour.normal);
     let power = mesh.total * PI * sides;
-    let planar = contours.is_some() && normals.clone().all(|n| normals.clone().all(|m| m == n));
-    let axis = normals.clone().next().filter(|_| planar && !two_sided);
+    let axis = contours.as_deref().filter(|_| !two_sided).and_then(|all| plane_normal(all, f64::from(radius)));
     Packed {
         texels: texels([
             (layout::KIND_TEXEL, [kind, first, emitters.len() as u32, start]),
@@ -223,7 +233,6 @@ pub(super) fn pack(
             two_sided,
             punctual: false,
             viewed: view_side.is_some(),
-            planar,
             centre,
             radius,
         },
