@@ -1,9 +1,27 @@
-//! Bounding spheres.
+//! Centres of triangles, and bounding spheres.
 
-use glam::Vec3;
+use glam::{DVec3, DVec4, Vec3};
 use rayon::prelude::*;
 
 use crate::bvh::Aabb;
+
+/// The centre of area of a light's triangles. It lies in the plane of a light that lies in one plane, and within a
+/// convex light. The centre of its box may lie outside of both: that of a corner cut off a cube lies in the air before
+/// the cut. From positions that such a centre hides, potentials (`mesh_potential`) and views (`ConvexLamp`) would never
+/// sample the light.
+pub(super) fn centre_of_area(triangles: &[[Vec3; 3]]) -> Vec3 {
+    let weighted = |triangle: &[Vec3; 3]| {
+        let centroid = triangle.iter().map(|corner| corner.as_dvec3()).sum::<DVec3>() / 3.0;
+        centroid.extend(1.0) * area(triangle)
+    };
+    let sum: DVec4 = triangles.iter().map(weighted).sum();
+    (sum.truncate() / sum.w).as_vec3()
+}
+
+/// The area of a triangle.
+pub(super) fn area([a, b, c]: &[Vec3; 3]) -> f64 {
+    (*b - *a).as_dvec3().cross((*c - *a).as_dvec3()).length() / 2.0
+}
 
 /// The smallest sphere about `centre` that holds the points.
 pub(super) fn sphere_about(centre: Vec3, points: impl Iterator<Item = Vec3>) -> (Vec3, f32) {

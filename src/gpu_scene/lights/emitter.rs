@@ -127,9 +127,8 @@ pub(super) fn partners(triangles: &[[Vec3; 3]]) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::mesh::centre_of_area;
     use super::*;
-    use crate::gpu_scene::bounds::sphere_about;
+    use crate::gpu_scene::bounds::{centre_of_area, sphere_about};
     use crate::random::r2;
 
     /// The triangles of an octahedron whose corners lie on a sphere, each divided into four, `times` times.
@@ -155,8 +154,8 @@ mod tests {
         vec![[o, y, x], [o, x, z], [o, z, y], [x, y, z]]
     }
 
-    /// Triangles that have probability 0 in the cell of a direction, but are visible in that direction from infinity, or
-    /// from as near as views are used. The lamp's centre is given.
+    /// Triangles that have probability 0 in the cell of a direction, but are visible in that direction: from infinity,
+    /// or from as near as views are used. `centre` is that of the lamp.
     fn missed(triangles: &[[Vec3; 3]], centre: Vec3, side: u32) -> usize {
         let powers = vec![1.0 / triangles.len() as f64; triangles.len()];
         let (centre, radius) = sphere_about(centre, triangles.iter().flatten().copied());

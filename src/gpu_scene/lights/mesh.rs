@@ -3,12 +3,12 @@
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
-use glam::{DVec3, DVec4, Vec3};
+use glam::{DVec3, Vec3};
 
 use super::contour::{Contour, contours, plane_normal};
 use super::emitter::{ConvexLamp, is_convex, partners};
 use super::layout::{self, EMITTER_TEXELS, Emission, LightInfo, Packed, bits, texels};
-use crate::gpu_scene::bounds::sphere_about;
+use crate::gpu_scene::bounds::{area, centre_of_area, sphere_about};
 use crate::gpu_scene::receivers::{ReceiverBounds, ReceiverCone};
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, Scene};
 use crate::specialisation::lights::{has_many_emitters, is_closed_mesh};
@@ -160,22 +160,6 @@ fn view_side(triangles: usize, lamps: usize) -> u32 {
 /// Bytes of a cell of the views of a light with this number of triangles.
 fn bytes_of_cell(triangles: usize) -> usize {
     triangles.div_ceil(4) * size_of::<[f32; 4]>()
-}
-
-fn area([a, b, c]: &[Vec3; 3]) -> f64 {
-    (*b - *a).as_dvec3().cross((*c - *a).as_dvec3()).length() / 2.0
-}
-
-/// The centre of area. It lies in the plane of a light that lies in one plane, and within a convex light. The centre of
-/// its box may lie outside of both: that of a corner cut off a cube lies in the air before the cut. From positions that
-/// such a centre hides, potentials (`mesh_potential`) and views ([`ConvexLamp`]) would never sample the light.
-pub(super) fn centre_of_area(triangles: &[[Vec3; 3]]) -> Vec3 {
-    let weighted = |triangle: &[Vec3; 3]| {
-        let centroid = triangle.iter().map(|corner| corner.as_dvec3()).sum::<DVec3>() / 3.0;
-        centroid.extend(1.0) * area(triangle)
-    };
-    let sum: DVec4 = triangles.iter().map(weighted).sum();
-    (sum.truncate() / sum.w).as_vec3()
 }
 
 fn push_contours(tables: &mut MeshTexels, contours: &[Contour]) {
