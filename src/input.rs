@@ -81,11 +81,6 @@ impl<'a> Picture<'a> {
         Ok(Picture { decoder: Box::new(decoder), size: [width, height] })
     }
 
-    /// Size of the decoded pixels in bytes, in the format of the file.
-    pub fn decoded_bytes(&self) -> u64 {
-        self.decoder.total_bytes()
-    }
-
     /// Decodes the pixels.
     pub fn decode(self) -> std::result::Result<DynamicImage, String> {
         DynamicImage::from_decoder(self.decoder).map_err(|e| e.to_string())

@@ -104,9 +104,12 @@ def render(
     If Ray is not connected to a cluster, `ray.init()` connects to one, or starts one on this machine.
     """
     output = os.fspath(output)
-    numbers: list[int | None] = [None] if frames is None else list(frames)
+    # A frame that is named twice is rendered once.
+    numbers: list[int | None] = [None] if frames is None else list(dict.fromkeys(frames))
     if frames is not None and "{frame}" not in output:
         raise penumbra.Error(f"{output}: frames are many files, so the name must contain {{frame}}")
+    if frames is None and "{frame}" in output:
+        raise penumbra.Error(f"{output}: {{frame}} stands for the number of a frame, so frames must be given")
     if not 0 < fps < math.inf:
         raise penumbra.Error(f"fps is {fps}; it must be finite and more than 0")
     _check_target(pathlib.Path(output))

@@ -150,7 +150,8 @@ fn render(job: &Job, time: Option<Duration>, notes: &mut Vec<String>) -> Result<
     let shared = open(&job.device)?;
     let mut device = Turn::take(&shared)?;
     let start = started.elapsed().as_secs_f64();
-    let deadline = time.map(|time| started + time);
+    // A time that no clock reaches is no limit.
+    let deadline = time.and_then(|time| started.checked_add(time));
     let mut done = recovery::render(
         &mut device,
         || open_anew(&job.device),
@@ -161,6 +162,7 @@ fn render(job: &Job, time: Option<Duration>, notes: &mut Vec<String>) -> Result<
             let stopped = sample(renderer, job, &denoiser, started, deadline)?;
             let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
             notes.extend(renderer.note_on_noise());
+            notes.extend(renderer.note_on(&image));
             if renderer.samples() > 0 && denoiser.choice() != Denoise::None {
                 let start = Instant::now();
                 let outcome = renderer.add_denoised(&mut image, &denoiser);

@@ -179,7 +179,9 @@ pub fn merge(
         let files = Pieces::open(&pieces)?;
         match files.missing().first() {
             Some(missing) if !partial => {
-                let problem = format!("{missing} are in no piece; partial=True gives the image without them");
+                let problem = format!(
+                    "the image of this piece is incomplete: {missing} are in no piece; partial=True gives it as it is"
+                );
                 Err(penumbra::Error::input(&pieces[0], "pieces", problem))
             }
             _ if denoise == Denoise::None => files.merge(),

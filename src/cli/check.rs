@@ -76,8 +76,8 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let outcomes = match &arguments.images {
         Some(folder) => Some(cases.iter().map(|case| compare(case, folder, &arguments.cases)).collect()),
         None => {
-            // Without this, a signal would end this process, and its renders would go on. So the first signal ends the
-            // renders.
+            // A signal would end this process alone, and leave its renders running. Deferred, the first one stops them,
+            // too.
             interrupt.defer();
             let is_software = device.as_ref().is_some_and(DeviceInfo::is_software);
             arguments.render_all(&cases, is_software, &|| interrupt.raised())?
@@ -88,7 +88,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         return Ok(Ending::Stopped);
     };
     for outcome in &mut outcomes {
-        arguments.bless(outcome, all.device.as_deref())?;
+        arguments.bless(outcome, all.device.as_deref());
     }
     let name = device.as_ref().map(|device| device.name.as_str());
     arguments.write_pages(&all, name, &outcomes)?;
@@ -227,14 +227,14 @@ impl Arguments {
     }
 
     /// Makes the image of a case its baseline, if that is requested and can be.
-    fn bless(&self, outcome: &mut Outcome, device: Option<&str>) -> Result<()> {
+    fn bless(&self, outcome: &mut Outcome, device: Option<&str>) {
         let name = &outcome.case.name;
-        if !self.bless.iter().any(|asked| asked == ALL || asked == name) {
-            return Ok(());
+        if !self.bless.iter().any(|requested| requested == ALL || requested == name) {
+            return;
         }
         if let Some(problem) = outcome.cannot_be_blessed(device) {
             outcome.finding = Finding::Broken(format!("no new baseline: {problem}"));
-            return Ok(());
+            return;
         }
         if let Some(image) = outcome.new_baseline() {
             let path = &outcome.case.baseline;
@@ -248,7 +248,6 @@ impl Arguments {
                 Err(problem) => Finding::Broken(format!("no new baseline: {problem}")),
             };
         }
-        Ok(())
     }
 }
 

@@ -62,10 +62,13 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     if !missing.is_empty() {
         let parts = listed(&missing);
         if !arguments.partial {
-            let problem = format!("{parts} are in no piece; --partial writes the image without them");
+            let problem =
+                format!("the image of this piece is incomplete: {parts} are in no piece; --partial writes it as it is");
             return Err(Error::input(&arguments.pieces[0], "file", problem));
         }
-        say(format_args!("note: {parts} are in no piece"));
+        if !arguments.quiet {
+            say(format_args!("note: {parts} are in no piece"));
+        }
     }
     let shows = arguments.output.iter().any(|path| !is_exr(path));
     let default = if shows && missing.is_empty() && pieces.have_guides() { Denoise::Auto } else { Denoise::None };

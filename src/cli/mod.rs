@@ -105,7 +105,7 @@ pub fn run() -> ExitCode {
         Ok(line) => line.command,
         Err(error) => return answer(&error),
     };
-    // A command may be in the middle of a file.
+    // From here on, a signal must leave no half-written file.
     Interrupt::listen();
     let ending = match command {
         Command::Render(arguments) => render::run(&arguments),

@@ -132,8 +132,8 @@ impl File {
     }
 }
 
-/// A problem on one line, with the number of its line in the file.
-/// A problem of naga's on one line, with names of the file in double quotes: backticks are for settings.
+/// A problem of naga's on one line, after the number of its line in the file if that is known. Names of the file are in
+/// double quotes: backticks are for settings.
 fn at_line(problem: &str, location: Option<SourceLocation>) -> String {
     let problem = problem.split_whitespace().collect::<Vec<_>>().join(" ").replace('`', "\"");
     location.map_or(problem.clone(), |at| format!("line {}: {problem}", at.line_number))

@@ -111,8 +111,8 @@ impl Kernels {
         Ok((kernels, start.elapsed().as_secs_f64()))
     }
 
-    /// Whether the image has room in the machine's memory, once the image of `last` is released; and the size of its
-    /// tiles.
+    /// The size of the tiles. Refuses an image that has no room in the machine's memory, once that of `last` is
+    /// released.
     pub fn fit(
         &self,
         gpu: &Gpu,

@@ -65,8 +65,9 @@ impl<'g> Renderer<'g> {
     /// pass.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] for settings out of range, [`crate::Error::Buffer`] for what the device cannot hold, and
-    /// those of [`Gpu::check`].
+    /// [`crate::Error::Setting`] for settings out of range, [`crate::Error::Memory`] for an image that has no room in
+    /// the machine's memory, [`crate::Error::Usage`] for a row of pixels with too many points and lights,
+    /// [`crate::Error::Buffer`] for what the device cannot hold, and those of [`Gpu::check`].
     pub fn new(gpu: &'g Gpu, scene: Scene, camera: &Camera, settings: &Settings) -> Result<Renderer<'g>> {
         Renderer::with_features(gpu, scene, camera, settings, &[])
     }

@@ -88,8 +88,8 @@ impl Renderer<'_> {
         let unsigned = file.is_none() && header.fingerprint.is_empty();
         if !unsigned && header.fingerprint != self.fingerprint() {
             return Err(refuse(
-                "the checkpoint is of another scene or camera, or of other settings, such as `image.seed`, `image.spp` \
-                 or the size",
+                "the checkpoint is of another scene or camera, or of other settings: all that the samples depend on \
+                 must be the same, such as `image.seed`, `image.spp`, the size, and whether the image is denoised",
             ));
         }
         self.restore_trial(header.samples, header.has_visibility_map)?;

@@ -102,9 +102,7 @@ fn limit_of_reference(entrants: &[MeasuredEntrant], reference: &Reference) -> Op
     };
     let floor = number(round_up(reference.floor()?));
     let better = if reference.is_short() { "longer `reference_time`" } else { "smaller `reference_error`" };
-    Some(format!(
-        " {subject} as small as the reference, whose own relMSE is up to {floor}, can resolve: use a {better}."
-    ))
+    Some(format!(" {subject} too small for this reference, whose own relMSE is up to {floor}: use a {better}."))
 }
 
 /// The entrant that is the fastest to an error that another one reaches too, or that reaches a smaller error than any

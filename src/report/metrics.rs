@@ -139,7 +139,9 @@ fn mean(image: &Image, reference: &Image, error: impl Fn(f64, f64) -> f64) -> Re
 fn check<'a>(image: &'a Image, reference: &'a Image) -> Result<[(&'a [f32], &'a [f32]); 3]> {
     let size = |image: &Image| format!("{} x {}", image.width, image.height);
     if (image.width, image.height) != (reference.width, reference.height) {
-        let problem = format!("its size is {} pixels, that of the reference {}", size(image), size(reference));
+        let crops =
+            if image.crop == reference.crop { "" } else { "; a part of an image needs a reference of that part" };
+        let problem = format!("its size is {} pixels, that of the reference {}{crops}", size(image), size(reference));
         return Err(Error::input("image", "file", problem));
     }
     if image.crop.zip(reference.crop).is_some_and(|(a, b)| a != b) {

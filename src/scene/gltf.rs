@@ -450,7 +450,7 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, default_light: bool, n
         ));
     }
     if scene.cameras.is_empty() {
-        notes.push("no camera in the file");
+        notes.push("no camera in the scene");
     }
     if scene.lights.is_empty() {
         let rest = match default_light {

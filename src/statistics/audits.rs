@@ -12,12 +12,12 @@ pub struct Audits {
     pub wrong: u64,
     /// Estimated miss bias: the mean of |V - c| over all points.
     pub miss_bias: f64,
-    /// Its 95 % interval, combined from Jeffreys intervals for points near boundaries, in settled cells, and for the
-    /// others.
+    /// Its 95 % interval, combined from Jeffreys intervals of three groups: points near boundaries, points in settled
+    /// cells, and all others.
     pub miss_bias_interval: [f64; 2],
 }
 
-/// Decided points near boundaries, or those away from them: their share of all points, and their audits.
+/// Decided points near boundaries, those in settled cells, or all others: their share of all points, and their audits.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stratum {

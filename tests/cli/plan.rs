@@ -234,7 +234,7 @@ fn a_scene_without_a_camera_says_so() {
     fs::write(&file, r#"{"asset": {"version": "2.0"}}"#).unwrap();
     let plan = run("plan --json", &[&file]).json();
     let notes: Vec<_> = plan["notes"].as_array().unwrap().iter().map(|note| note.as_str().unwrap()).collect();
-    assert!(notes.contains(&"no camera in the file"), "{notes:?}");
+    assert!(notes.contains(&"no camera in the scene"), "{notes:?}");
     assert_eq!(plan["scene"]["cameras"], 0);
 }
 

@@ -241,7 +241,7 @@ fn notes_are_said_once_and_kept_in_the_statistics() {
     answer.assert_done();
     let said: Vec<&str> = answer.stderr.lines().filter_map(|line| line.strip_prefix("note: ")).collect();
     assert!(
-        said.contains(&"no camera in the file") && said.contains(&"no light in the file: --default-light adds one"),
+        said.contains(&"no camera in the scene") && said.contains(&"no light in the file: --default-light adds one"),
         "{answer:?}"
     );
     assert_eq!(said.iter().collect::<BTreeSet<_>>().len(), said.len(), "{said:?}");

@@ -147,7 +147,7 @@ fn cameras_follow_the_conventions_of_pbrt() {
     let point = Vec3::new(12.0 - 8.0, -20.0 + 3.0, 46.0 + 2.0);
     near(matrix("worldToCamera").transform_point3(point), Vec3::new(3.0, 2.0, 8.0));
     // At 90 degrees half the view is 8 high and 16 wide there. The near plane is at 1, so z = 1 - 1/8 on the screen.
-    let expected = Vec3::new(0.5 + 0.5 * 3.0 / 16.0, 0.5 + 0.5 * 2.0 / 8.0, 0.5 + 0.5 * (1.0 - 1.0 / 8.0));
+    let expected = Vec3::new(0.5 + 0.5 * 3.0 / 16.0, 0.5 - 0.5 * 2.0 / 8.0, 0.5 + 0.5 * (1.0 - 1.0 / 8.0));
     near(matrix("worldToNDC").project_point3(point), expected);
 }
 

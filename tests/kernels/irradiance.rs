@@ -936,9 +936,8 @@ fn points_beyond_an_axis_of_groups_are_shown(gpu: &Gpu) {
     }
 }
 
-/// A look-up returns the value of the nearest irradiance point of the same surface if that is within half a cell;
-/// otherwise the value of some point of that surface less than two cells away, or none. The table holds what the kernel
-/// wrote.
+/// A look-up returns the value of the nearest irradiance point of the same surface in the 2 x 2 x 2 nearest cells. If
+/// they hold none, it takes the nearest within two cells. The table holds what the kernel wrote.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn look_ups_find_the_nearest_irradiance_point(gpu: &Gpu) {
     let rectangles = corner_and_cube();
@@ -991,7 +990,7 @@ fn look_ups_find_the_nearest_irradiance_point(gpu: &Gpu) {
         let cell = f64::from(shape.cell);
         // The value of an irradiance point for a position, or none beyond the clear part of its disc; both if rounding
         // decides.
-        let reached = |(counted, _, estimates): &(f64, f64, [f32; 4])| -> Vec<[f32; 4]> {
+        let reached = |(counted, _, estimates): &(f64, Vec3, [f32; 4])| -> Vec<[f32; 4]> {
             let clear = f64::from(estimates[3]) * f64::from(estimates[3].to_bits() & 255) / 255.0;
             let nothing = [0.0, 0.0, 0.0, FAR];
             // Distances of positions up to 1 apart have a few roundings of 6e-8.
@@ -1004,25 +1003,33 @@ fn look_ups_find_the_nearest_irradiance_point(gpu: &Gpu) {
         // The permitted values of a point.
         let allowed = |point: &Point| -> Vec<[f32; 4]> {
             let (x, n) = (Vec3::from(point.position).as_dvec3(), point_normal(point.normal));
-            let mut near: Vec<(f64, f64, [f32; 4])> = irradiance_points
+            let mut near: Vec<(f64, Vec3, [f32; 4])> = irradiance_points
                 .iter()
                 .filter(|p| photon_normal(p.word).dot(n) > 0.5f64.sqrt())
                 .map(|p| {
                     let d = Vec3::from(p.position).as_dvec3() - x;
                     let counted = (d.length_squared() + 15.0 * d.dot(n).powi(2)).sqrt();
-                    (counted, d.abs().max_element(), by_irradiance_point[&bytemuck::cast::<Photon, [u32; 4]>(*p)])
+                    (counted, p.position.into(), by_irradiance_point[&bytemuck::cast::<Photon, [u32; 4]>(*p)])
                 })
                 .collect();
             near.sort_by(|a, b| a.0.total_cmp(&b.0));
-            // Cells are computed in f32: half a cell less a little.
-            match near.first() {
-                Some((counted, offset, _)) if *offset < 0.4999 * cell => {
-                    near.iter().filter(|p| p.0 < counted + 1e-6).flat_map(reached).collect()
+            let corner = (Vec3::from(point.position) - Vec3::from(shape.origin)) * shape.inverse_cell - 0.5;
+            let in_cells = |p: &&(f64, Vec3, [f32; 4])| {
+                let cell = cell_at(&shape, p.1);
+                (0..3).all(|axis| (0..2).contains(&(cell[axis] - corner[axis].floor() as i64)))
+            };
+            // Cells of positions up to 20 cells away have a few roundings of 1e-6.
+            let doubtful = corner.to_array().iter().any(|x| (x - x.round()).abs() < 1e-5);
+            let first_search: Vec<_> = near.iter().filter(in_cells).collect();
+            let second_search = near.iter().filter(|p| p.0 < 1.9999 * cell);
+            let is_first = !first_search.is_empty();
+            let candidates: Vec<_> = if is_first { first_search } else { second_search.collect() };
+            match candidates.first() {
+                Some((counted, ..)) if !doubtful => {
+                    candidates.iter().filter(|p| p.0 < counted + 1e-6).flat_map(|p| reached(p)).collect()
                 }
-                _ => {
-                    let others = near.iter().filter(|p| p.1 < 1.5001 * cell).flat_map(reached);
-                    others.chain([[0.0, 0.0, 0.0, FAR]]).collect()
-                }
+                // The second search also meets some points that are farther than two cells.
+                _ => near.iter().flat_map(reached).chain([[0.0, 0.0, 0.0, FAR]]).collect(),
             }
         };
         let wrong = |found: &[[f32; 4]]| {

@@ -338,7 +338,7 @@ fn scenes_without_geometry_are_empty() {
     let scene = file.load();
     assert!(scene.triangles.is_empty() && scene.bounds().is_none());
     assert_eq!(scene.normalisation.scale(), 1.0);
-    assert!(scene.notes.iter().any(|n| n == "no camera in the file"));
+    assert!(scene.notes.iter().any(|n| n == "no camera in the scene"));
     assert!(scene.notes.iter().any(|n| n == "no light in the file: `default_light` adds one"));
     let scene = file.load_with(&ImportOptions { default_light: true, ..Default::default() }).unwrap();
     let note = "no light in the file, and `default_light` adds none because nothing would be lit";

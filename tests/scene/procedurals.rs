@@ -233,7 +233,7 @@ fn files_beside_the_scene_are_read() {
     std::fs::write(&path, file.to_string()).unwrap();
     let scene = Scene::load(&path, &ImportOptions::default()).unwrap();
     assert_eq!(scene.procedurals.iter().map(|object| object.function).collect::<Vec<_>>(), [0, 0]);
-    assert_eq!(scene.notes, ["no camera in the file", "no light in the file: `default_light` adds one"]);
+    assert_eq!(scene.notes, ["no camera in the scene", "no light in the file: `default_light` adds one"]);
 }
 
 /// The functions of a hidden object are among the scene's files, because an animation may show it. They need not be

@@ -6,12 +6,13 @@ use super::image::{Image, Metadata};
 use crate::scene::{Camera, Normalisation, Projection};
 
 impl Image {
-    /// Adds the attributes `worldToCamera` and `worldToNDC` with the conventions of pbrt, in the units of the file's
-    /// world space.
+    /// Adds the attributes `worldToCamera` and `worldToNDC` as OpenEXR defines them (`ImfStandardAttributes.h`), in the
+    /// units of the file's world space.
     ///
-    /// Camera space is left-handed: +x right, +y up, +z forward. NDC has (0, 0) at the lower left corner of the image
-    /// and (1, 1) at the upper right one, of the whole image if it is a part of one. Its z runs from 1/2 at the near
-    /// plane to 1 at the far plane. The width of the view follows from the aspect ratio of the image.
+    /// Camera space is left-handed: +x right, +y up, +z forward. NDC has (0, 0) at the upper left corner of the image
+    /// and (1, 1) at the lower right one, of the whole image if it is a part of one. OpenEXR does not define its z,
+    /// which runs from 1/2 at the near plane to 1 at the far plane, as pbrt has it. The width of the view follows from
+    /// the aspect ratio of the image.
     pub fn add_camera(&mut self, camera: &Camera, normalisation: &Normalisation) {
         let [right, up, backward] = camera.axes.map(|axis| axis.as_dvec3());
         let rotation =
@@ -36,7 +37,7 @@ impl Image {
                 DMat4::from_scale(scale) * DMat4::from_translation(DVec3::Z * -near)
             }
         };
-        let screen_to_ndc = DMat4::from_translation(DVec3::splat(0.5)) * DMat4::from_scale(DVec3::splat(0.5));
+        let screen_to_ndc = DMat4::from_translation(DVec3::splat(0.5)) * DMat4::from_scale(DVec3::new(0.5, -0.5, 0.5));
 
         // The columns of a matrix for column vectors are the rows of the matrix for row vectors.
         let attribute = |matrix: DMat4| Metadata::Matrix(matrix.as_mat4().to_cols_array());

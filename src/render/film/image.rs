@@ -112,7 +112,7 @@ impl Image {
         if shown(median) > 4.0 {
             return Some(stops(median, 0.18));
         }
-        // A pixel of 0.2 % has the eight-bit value 6.
+        // Of 255 steps of the standard view, such a pixel has at most 7.
         (bright > 0.0 && shown(bright) < 0.002).then(|| stops(bright, 0.5))
     }
 

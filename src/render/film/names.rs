@@ -34,7 +34,11 @@ pub fn is_same_file(one: &Path, other: &Path) -> bool {
     whole(one) == whole(other)
 }
 
-/// The path without links, as far as it exists.
+/// The path without links; of a file that does not exist, that of its folder.
 fn whole(path: &Path) -> PathBuf {
-    fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_owned())
+    fs::canonicalize(path).unwrap_or_else(|_| {
+        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let folder = absolute.parent().and_then(|folder| fs::canonicalize(folder).ok());
+        folder.zip(absolute.file_name()).map_or(absolute.clone(), |(folder, name)| folder.join(name))
+    })
 }

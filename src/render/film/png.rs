@@ -10,8 +10,9 @@ use super::tone_map::{View, linear_from_srgb};
 use crate::input::Picture;
 use crate::{Error, Result};
 
-/// Maximum size of decoded pixels in bytes: 1.3 times 8,192 x 4,096 pixels of three floats.
-const MAX_DECODED: u64 = 1 << 29;
+/// Maximum number of pixels: 8,192 x 4,096, an environment map of the largest common size. Each takes 16 bytes while it
+/// is decoded, and as many in the image.
+const MAX_PIXELS: u64 = 1 << 25;
 
 impl Image {
     /// Writes the colour as an 8-bit PNG, scaled by 2^`exposure_ev` and tone-mapped by `view`: over black, without
@@ -93,9 +94,9 @@ impl Image {
 pub(super) fn decode(bytes: &[u8], path: &Path, format: image::ImageFormat) -> Result<Image> {
     let input = |problem: String| Error::input(path, "file", problem);
     let picture = Picture::open(bytes, format).map_err(input)?;
-    if picture.decoded_bytes() > MAX_DECODED {
-        let [width, height] = picture.size;
-        return Err(input(format!("{width} x {height} pixels: the maximum is {MAX_DECODED} bytes of decoded pixels")));
+    let [width, height] = picture.size;
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
+        return Err(input(format!("{width} x {height} pixels: the maximum is {MAX_PIXELS} pixels")));
     }
     let decoded = picture.decode().map_err(input)?;
     let coded = format == image::ImageFormat::Png;

@@ -130,7 +130,7 @@ impl Description {
         if description.is_sound() { Ok(description) } else { Err(refuse("the file is damaged")) }
     }
 
-    /// Reads the description of a file, without its pixels.
+    /// Reads the description of a file, without decoding its pixels.
     pub fn read(path: &Path) -> Result<Description> {
         let metadata = decode_metadata(&read_file(path)?, path)?;
         Description::of(metadata.get(DESCRIPTION), path)

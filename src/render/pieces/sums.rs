@@ -101,8 +101,8 @@ pub(super) fn nodes_of(SampleRange { mut first, end }: SampleRange, half: Option
     nodes
 }
 
-/// The most nodes that a piece of some samples has at a time, or fewer: those before a batch that ends at a multiple of
-/// `batch`, which no batch passes, and at least one of the batch.
+/// A lower bound of the largest number of nodes that a piece of these samples holds at once. No batch passes a multiple
+/// of `batch`. When a batch ends at one, the piece holds the nodes before that, and at least one of the next batch.
 pub(in crate::render) fn max_nodes(SampleRange { first, end }: SampleRange, half: Option<u32>, batch: u32) -> u64 {
     let nodes = |end: u32| nodes_of(SampleRange { first, end }, half).len() as u64;
     let ends = (first..end).filter(|end| end.is_multiple_of(batch));

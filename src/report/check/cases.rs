@@ -146,7 +146,7 @@ impl Cases {
     /// As [`Cases::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Cases> {
         let file: GivenFile = toml::from_str(text).map_err(|problem| {
-            let line = problem.span().map_or(1, |span| text[..span.start].lines().count().max(1));
+            let line = problem.span().map_or(1, |span| 1 + text[..span.start].matches('\n').count());
             // Backticks are for settings, and these are about what the file has.
             Error::input(path, format!("line {line}"), problem.message().replace('`', "\""))
         })?;
@@ -173,7 +173,7 @@ impl Cases {
                 return Err(refuse("limits must be 0 or more; flip and changed must be at most 1".into()));
             }
             if Duration::try_from_secs_f64(limits.seconds).is_err() || limits.seconds == 0.0 {
-                return Err(refuse("the limit seconds must be more than 0".into()));
+                return Err(refuse("the limit seconds must be a number above 0, and not infinite".into()));
             }
             let baseline = baselines.join(baseline.unwrap_or_else(|| format!("{name}.exr").into()));
             // Each would replace that of the other.
@@ -288,6 +288,7 @@ mod tests {
             ("", "CASES.toml: the file has no cases"),
             ("width = 3\n", "CASES.toml: line 1: unknown field \"width\""),
             ("\n[[case]]\nscene = 1\n", "CASES.toml: line 3: invalid type: integer"),
+            ("\nfoo = 1\n", "CASES.toml: line 2: unknown field \"foo\""),
             ("[[case]]\nname = \"a/b\"", "case a/b: a name must consist of letters"),
             ("[[case]]\nname = \"a\"\n[[case]]\nname = \"a\"", "case a: two cases have this name"),
             (
@@ -298,8 +299,14 @@ mod tests {
             ("[[case]]\nname = \"a\"\nrender = { crop = [[1]] }", "case a: render.crop is not a list"),
             ("[[case]]\nname = \"a\"\nlimits = { flip = 2.0 }", "case a: limits must be 0 or more"),
             ("[[case]]\nname = \"a\"\nlimits = { relmse = nan }", "case a: limits must be 0 or more"),
-            ("[[case]]\nname = \"a\"\nlimits = { seconds = 0.0 }", "case a: the limit seconds must be more than 0"),
-            ("[[case]]\nname = \"a\"\nlimits = { seconds = inf }", "case a: the limit seconds must be more than 0"),
+            (
+                "[[case]]\nname = \"a\"\nlimits = { seconds = 0.0 }",
+                "case a: the limit seconds must be a number above 0",
+            ),
+            (
+                "[[case]]\nname = \"a\"\nlimits = { seconds = inf }",
+                "case a: the limit seconds must be a number above 0",
+            ),
         ] {
             let error = Cases::parse(text, Path::new("CASES.toml")).unwrap_err().to_string();
             assert!(error.contains(expected), "{text:?}: {error}");
