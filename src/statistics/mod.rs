@@ -27,7 +27,7 @@ pub struct Statistics {
     /// The settings, as they were used.
     pub settings: Settings,
     /// Samples of a pixel that were rendered. With [`ImageSettings::noise`](crate::settings::ImageSettings::noise), of
-    /// the pixels that have most.
+    /// the pixels that have most; with adaptive sampling, the mean.
     pub samples: u32,
     /// Mean number of samples of a pixel.
     pub mean_samples: f64,
