@@ -40,31 +40,31 @@ pub(crate) struct MadeIndirect {
 /// The passes of indirect light whose time grows with the photons and gather rays of a stage.
 const RAY_PASSES: [&str; 4] = ["flux/", "grid/", "irradiance/", "gather/"];
 
-/// Measured time of indirect light: a part that grows with the rays, and a part for each wave.
+/// Measured time of a stage of indirect light: a part that grows with the rays, and the rest.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct IndirectCost {
     /// Of a gather ray of a record, with the photons that go with it.
     seconds_per_ray: f64,
-    /// Of a wave, however many rays it has.
-    seconds_per_wave: f64,
+    /// Of a stage, however many rays it adds.
+    seconds_per_stage: f64,
 }
 
 impl IndirectCost {
-    /// Derived from a wave of `rays` gather rays per record that took `seconds` in all; `before` and `after` are the
-    /// times of passes when it began and ended. If the device has no timestamps, all of the time counts as that of
-    /// rays. Predictions for more rays are then too large.
+    /// Derived from a stage that added `rays` gather rays per record and took `seconds` in all; `before` and `after`
+    /// are the times of passes when it began and ended. If the device has no timestamps, all of the time counts as that
+    /// of rays. Predictions for more rays are then too large.
     pub fn new(seconds: f64, rays: u32, before: &BTreeMap<String, f64>, after: &BTreeMap<String, f64>) -> IndirectCost {
         let is_of_rays = |name: &str| RAY_PASSES.iter().any(|pass| name.starts_with(pass));
         let sum = |times: &BTreeMap<String, f64>| -> f64 {
             times.iter().filter(|(name, _)| is_of_rays(name)).map(|(_, seconds)| seconds).sum()
         };
         let of_rays = if after.is_empty() { seconds } else { (sum(after) - sum(before)).clamp(0.0, seconds) };
-        IndirectCost { seconds_per_ray: of_rays / f64::from(rays.max(1)), seconds_per_wave: seconds - of_rays }
+        IndirectCost { seconds_per_ray: of_rays / f64::from(rays.max(1)), seconds_per_stage: seconds - of_rays }
     }
 
-    /// The expected seconds of `waves` more waves with `rays` gather rays per record in all.
-    pub fn of(self, waves: u32, rays: u32) -> f64 {
-        self.seconds_per_ray * f64::from(rays) + self.seconds_per_wave * f64::from(waves)
+    /// The expected seconds of a stage that adds `rays` gather rays per record.
+    pub fn of(self, rays: u32) -> f64 {
+        self.seconds_per_ray * f64::from(rays) + self.seconds_per_stage
     }
 }
 
@@ -252,17 +252,16 @@ fn bind_paths(
 mod tests {
     use super::*;
 
-    /// Passes of rays grow with the rays, the others with the waves.
+    /// Passes of rays grow with the rays, the others are the same in all stages.
     #[test]
-    fn costs_are_those_of_rays_and_of_waves() {
+    fn costs_are_those_of_rays_and_of_stages() {
         let times = |gather: f64, cache: f64| {
             BTreeMap::from([("gather/path".to_owned(), gather), ("cache/request".to_owned(), cache)])
         };
         let cost = IndirectCost::new(1.0, 16, &times(1.0, 1.0), &times(1.25, 3.0));
-        assert_eq!(cost.of(1, 16), 1.0);
-        assert_eq!(cost.of(1, 64), 0.75 + 4.0 * 0.25);
-        assert_eq!(cost.of(2, 256), 2.0 * 0.75 + 16.0 * 0.25);
+        assert_eq!(cost.of(16), 1.0);
+        assert_eq!(cost.of(64), 0.75 + 4.0 * 0.25);
         let unknown = IndirectCost::new(1.0, 16, &BTreeMap::new(), &BTreeMap::new());
-        assert_eq!(unknown.of(3, 64), 4.0);
+        assert_eq!(unknown.of(64), 4.0);
     }
 }

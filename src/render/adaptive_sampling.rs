@@ -202,8 +202,7 @@ impl Renderer<'_> {
 
     /// Samples of each pixel so far.
     fn samples_of_all(&self) -> impl ExactSizeIterator<Item = u32> {
-        let crop = self.settings.image.crop_window();
-        (0..crop.width as usize * crop.height as usize).map(|pixel| self.samples_of(pixel))
+        (0..self.settings.image.crop_window().pixels() as usize).map(|pixel| self.samples_of(pixel))
     }
 }
 

@@ -56,8 +56,7 @@ impl ImageMemory {
 
     /// [`ImageMemory::new`] by its features.
     pub(super) fn of(features: &Features, has_indirect: bool, settings: &Settings) -> ImageMemory {
-        let crop = settings.image.crop_window();
-        let pixels = u64::from(crop.width) * u64::from(crop.height);
+        let pixels = settings.image.crop_window().pixels();
         ImageMemory {
             host: pixels * bytes_of_image(settings, has_indirect),
             film: pixels * bytes_of_sums(features, has_indirect, settings),
@@ -96,8 +95,7 @@ fn refuse_unless(size: [u32; 2], needed: u64, released: u64, remedy: impl Fn() -
 
 /// Whether `bytes` more have room beside what the image will take.
 pub(super) fn has_room(bytes: u64, settings: &Settings, has_indirect: bool) -> bool {
-    let crop = settings.image.crop_window();
-    let image = u64::from(crop.width) * u64::from(crop.height) * bytes_of_image(settings, has_indirect);
+    let image = settings.image.crop_window().pixels() * bytes_of_image(settings, has_indirect);
     memory::available().is_none_or(|available| bytes + image <= available)
 }
 
@@ -129,8 +127,7 @@ fn bytes_of_sums(features: &Features, has_indirect: bool, settings: &Settings) -
 
 /// The most samples per pixel that a batch of a piece may have: one if no tile holds two samples of all pixels.
 fn batch_of_piece(settings: &Settings) -> u32 {
-    let crop = settings.image.crop_window();
-    if u64::from(crop.width) * u64::from(crop.height) > u64::from(TILE_POINTS / 2) { 1 } else { TILE_SAMPLES }
+    if settings.image.crop_window().pixels() > u64::from(TILE_POINTS / 2) { 1 } else { TILE_SAMPLES }
 }
 
 /// Bytes of a pixel's channels, and of what denoisers take.

@@ -63,7 +63,7 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
     let crop = settings.image.crop_window();
     let mut channels = Vec::new();
     for tiles in film.tiles_at_once() {
-        append(&mut channels, picture.channels(&Film { tiles, ..film })?, crop.width as usize * crop.height as usize);
+        append(&mut channels, picture.channels(&Film { tiles, ..film })?, crop.pixels() as usize);
     }
     let mut image = Image { width: crop.width, height: crop.height, channels, ..Image::default() };
     image.transparent = settings.image.background == Background::Transparent;

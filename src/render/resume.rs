@@ -142,9 +142,9 @@ impl Renderer<'_> {
     /// there are too few.
     fn growth_from(&self, header: &GrowthHeader, rest: &mut &[u32]) -> Option<Growth> {
         let GrowthHeader { samples, has_errors } = *header;
-        let crop = self.settings.image.crop_window();
+        let pixels = self.settings.image.crop_window().pixels();
         let mut values = || {
-            let (values, others) = rest.split_at_checked(crop.width as usize * crop.height as usize)?;
+            let (values, others) = rest.split_at_checked(pixels as usize)?;
             *rest = others;
             Some(values.iter().copied().map(f32::from_bits).collect::<Vec<f32>>())
         };

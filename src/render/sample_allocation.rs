@@ -116,7 +116,8 @@ impl SampleAllocation {
     /// Whether the blocks belong to an image of this size.
     pub fn fits(&self, image: &ImageSettings) -> bool {
         let Some(new) = SampleAllocation::of(image) else { return false };
-        let is_block = |next: &Next| (next.block as usize) < new.samples.len();
+        let is_block =
+            |next: &Next| self.samples.get(next.block as usize).is_some_and(|samples| next.target >= *samples);
         let is_size = (self.side, self.columns, self.samples.len()) == (new.side, new.columns, new.samples.len());
         is_size && self.next.iter().all(is_block)
     }

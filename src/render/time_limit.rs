@@ -124,6 +124,6 @@ impl Renderer<'_> {
     fn seconds_to(&self, stage: i32) -> f64 {
         let rays = |stage: i32| settings_of_stage(&self.settings, stage).gather_rays();
         let rays = rays(stage) - rays(self.view.stage);
-        self.view.lighting.indirect.as_ref().map_or(0.0, |indirect| indirect.cost().of(1, rays))
+        self.view.lighting.indirect.as_ref().map_or(0.0, |indirect| indirect.cost().of(rays))
     }
 }

@@ -3,6 +3,7 @@
 //! All measures use the root channels `R`, `G` and `B`. Their errors are [`Error::Input`] with the file name `image` or
 //! `reference`, which callers replace by the path, and the channel at fault as the position.
 
+use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageFloat, FlipImageRgb8};
 use serde::Serialize;
 
 use crate::render::film::{Image, View};
@@ -111,15 +112,22 @@ pub fn p99(image: &Image, reference: &Image) -> Result<f64> {
 /// As [`rmse`].
 pub fn flip(image: &Image, reference: &Image) -> Result<f64> {
     check(image, reference)?;
-    let display = |name: &str, image: &Image| {
-        let mut colour = image.clone();
-        colour.channels.retain(|channel| ["R", "G", "B"].contains(&channel.name.as_str()));
-        let bytes = colour.display(View::Neutral, 0.0).map_err(|channel| missing(name, channel))?;
-        Ok::<_, Error>(nv_flip::FlipImageRgb8::with_data(image.width, image.height, &bytes))
-    };
-    let (reference, image) = (display("reference", reference)?, display("image", image)?);
-    let map = nv_flip::flip(reference, image, nv_flip::DEFAULT_PIXELS_PER_DEGREE).to_vec();
-    Ok(map.iter().map(|&error| f64::from(error)).sum::<f64>() / map.len() as f64)
+    let size = [image.width, image.height];
+    let (mean, _) = flip_of(size, &display("image", image)?, &display("reference", reference)?);
+    Ok(mean)
+}
+
+/// The colours of an image as [`flip`] compares them, three bytes a pixel; `name` is for errors.
+pub(super) fn display(name: &str, image: &Image) -> Result<Vec<u8>> {
+    image.colour().display(View::Neutral, 0.0).map_err(|channel| missing(name, channel))
+}
+
+/// The mean of FLIP between an image and a reference, given by their colours ([`display`]), and the map of all pixels.
+pub(super) fn flip_of([width, height]: [u32; 2], image: &[u8], reference: &[u8]) -> (f64, FlipImageFloat) {
+    let of = |bytes: &[u8]| FlipImageRgb8::with_data(width, height, bytes);
+    let map = nv_flip::flip(of(reference), of(image), DEFAULT_PIXELS_PER_DEGREE);
+    let errors = map.to_vec();
+    (errors.iter().copied().map(f64::from).sum::<f64>() / errors.len() as f64, map)
 }
 
 /// Mean of `error(x, r)` over pixels and channels.

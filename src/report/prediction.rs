@@ -68,8 +68,7 @@ pub fn predict(subject: &Subject<'_>, technique: Technique) -> Result<Option<Pre
     if settings.check().is_err() {
         return Ok(None);
     }
-    let crop = subject.settings.image.crop_window();
-    let pixels = f64::from(crop.width) * f64::from(crop.height);
+    let pixels = subject.settings.image.crop_window().pixels() as f64;
     let [small, large] = PIXELS.map(|limit| of_pixels(&settings, limit.min(pixels)));
     // A piece has only some of the samples.
     let spp = subject.settings.image.range().count();

@@ -7,7 +7,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::metrics::{self, variance};
-use super::run::{Subject, colour};
+use super::run::Subject;
 use crate::render::film::Metadata;
 use crate::settings::{Settings, Technique};
 use crate::{Error, Image, Renderer, Result};
@@ -297,7 +297,7 @@ impl Half {
     /// Merges the renderer's image with the one saved before it started, and writes the result. `seconds` is the total
     /// rendering time.
     fn save(&self, renderer: &Renderer<'_>, seconds: f64) -> Result<Image> {
-        let mut image = colour(renderer.image()?);
+        let mut image = renderer.image()?.colour();
         let new = renderer.samples() as i32;
         let old = self.saved.as_ref().map_or(0, |saved| integer(saved, SAMPLES));
         if let Some(saved) = &self.saved {

@@ -315,7 +315,7 @@ impl<'a> TimedRender<'a> {
         let snapshot = |image: Image, denoise: f64, estimate: Option<f64>| -> Result<Snapshot> {
             let (samples, rays) = (self.renderer.samples(), self.renderer.statistics()?.rays);
             let technique = self.settings.technique;
-            let (sampled, image) = (self.time, colour(image));
+            let (sampled, image) = (self.time, image.colour());
             Ok(Snapshot { budget, technique, sampled, denoise, samples, rays, image, estimate })
         };
         match denoised {
@@ -327,12 +327,6 @@ impl<'a> TimedRender<'a> {
             }
         }
     }
-}
-
-/// The image with its colour channels only.
-pub(super) fn colour(mut image: Image) -> Image {
-    image.channels.retain(|channel| ["R", "G", "B"].contains(&channel.name.as_str()));
-    image
 }
 
 /// The kernel of the statistical denoiser. The images of all budgets run it, and the last one alone counts.

@@ -9,7 +9,7 @@ use super::classes::{Classes, Truth};
 use super::interval::Interval;
 use super::metrics;
 use super::reference::Reference;
-use super::run::{Subject, colour};
+use super::run::Subject;
 use crate::settings::{Settings, Technique};
 use crate::statistics::Statistics;
 use crate::{Error, Image, Result};
@@ -240,7 +240,7 @@ fn render(subject: &Subject<'_>, settings: &Settings) -> Result<(Image, Statisti
     while renderer.samples() < SAMPLES {
         renderer.render_batch()?;
     }
-    Ok((colour(renderer.image()?), renderer.statistics()?))
+    Ok((renderer.image()?.colour(), renderer.statistics()?))
 }
 
 fn median_time(renders: &[(Image, Statistics)]) -> f64 {

@@ -66,5 +66,5 @@ pub(crate) use material::{TEXTURE_USES, constants as material_constants};
 pub use nearest::{Nearest, SurfaceSearch};
 pub use normalisation::Normalisation;
 pub use panorama::Panorama;
-pub use texture::{ColourSpace, Filter, Texture, TextureImage, TextureInfo, Wrap};
+pub use texture::{ColourSpace, Filter, Texture, TextureImage, TextureInfo, Wrap, linear_from_srgb};
 pub use triangle::{NO_LIGHT, Triangle, Vertex};

@@ -75,13 +75,14 @@ pub struct TextureImage {
     pub texels: Vec<[u8; 4]>,
 }
 
-/// The sRGB decoding function (IEC 61966-2-1) for every byte value.
-static SRGB_TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
-    std::array::from_fn(|byte| {
-        let coded = byte as f32 / 255.0;
-        if coded <= 0.04045 { coded / 12.92 } else { ((coded + 0.055) / 1.055).powf(2.4) }
-    })
-});
+/// The sRGB decoding function (IEC 61966-2-1): the light of a code from 0 to 1.
+pub fn linear_from_srgb(code: f32) -> f32 {
+    if code <= 0.040_45 { code / 12.92 } else { ((code + 0.055) / 1.055).powf(2.4) }
+}
+
+/// [`linear_from_srgb`] of every byte.
+static SRGB_TO_LINEAR: LazyLock<[f32; 256]> =
+    LazyLock::new(|| std::array::from_fn(|byte| linear_from_srgb(byte as f32 / 255.0)));
 
 impl Wrap {
     /// The texel for coordinate `i`, in texels, on an axis of `size` texels.

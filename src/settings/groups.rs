@@ -50,6 +50,13 @@ pub struct Crop {
     pub height: u32,
 }
 
+impl Crop {
+    /// Number of pixels.
+    pub fn pixels(self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
+    }
+}
+
 /// The samples of each pixel from number `first` to number `end` - 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SampleRange {

@@ -54,8 +54,7 @@ impl Specialisation {
     }
 
     fn decide_on_channels(&mut self, scene: &Scene, settings: &Settings) {
-        let crop = settings.image.crop_window();
-        let pixels = u64::from(crop.width) * u64::from(crop.height);
+        let pixels = settings.image.crop_window().pixels();
         let aov = |aov: Aov| settings.image.aovs.contains(&aov);
         let shown = settings.image.background == Background::Environment;
         let position = aov(Aov::Position) || aov(Aov::Depth);

@@ -46,8 +46,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let times = Times { started, import, start, sampling };
     let first_sample = choose_technique(arguments, &gpu, &mut subject, &times, driver_compiles, &mut notes);
 
-    let spp = subject.settings.image.range().count();
-    let mut session = Session::new(arguments, &denoiser, interrupt, times, spp, first_sample, notes);
+    let mut session = Session::new(arguments, &denoiser, interrupt, times, first_sample, notes);
     if arguments.sequence.first().is_some() {
         session.render_sequence(&mut gpu, subject, panorama.as_ref())?;
     } else {

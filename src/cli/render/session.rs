@@ -31,7 +31,6 @@ pub struct Session<'a> {
     pub(super) denoiser: &'a Denoiser,
     pub(super) interrupt: Interrupt,
     pub(super) times: Times,
-    spp: u32,
     /// The user has been told that the render has begun.
     announced: bool,
     /// `None` after the first sample, and where its time would not show how fast the machine is.
@@ -55,13 +54,12 @@ pub fn prepare_device(gpu: &Gpu, quiet: bool) -> Arc<AtomicBool> {
 }
 
 impl<'a> Session<'a> {
-    /// Begins a render of `spp` samples per pixel.
+    /// A render of the command line that has not begun.
     pub fn new(
         arguments: &'a Arguments,
         denoiser: &'a Denoiser,
         interrupt: Interrupt,
         times: Times,
-        spp: u32,
         first_sample: Option<FirstSample>,
         notes: Notes,
     ) -> Session<'a> {
@@ -70,7 +68,6 @@ impl<'a> Session<'a> {
             denoiser,
             interrupt,
             times,
-            spp,
             announced: false,
             first_sample,
             first_sample_ratio: None,
@@ -172,7 +169,8 @@ impl<'a> Session<'a> {
     fn add_samples(&mut self, renderer: &mut Renderer<'_>) -> Result<Option<Error>> {
         let arguments = self.arguments;
         let deadline = self.times.deadline();
-        let mut display = Display::new(Goal { spp: self.spp, deadline }, &renderer.progress(), arguments.quiet);
+        let goal = Goal { spp: renderer.settings().image.range().count(), deadline };
+        let mut display = Display::new(goal, &renderer.progress(), arguments.quiet);
         let mut written = Instant::now();
         loop {
             match unless_lost(renderer.wants_samples(self.denoiser))? {
@@ -295,7 +293,7 @@ mod tests {
 
     fn session<'a>(arguments: &'a Arguments, denoiser: &'a Denoiser) -> Session<'a> {
         let times = Times { started: Instant::now(), import: 0.0, start: 0.0, sampling: None };
-        Session::new(arguments, denoiser, Interrupt::listen(), times, 16, None, Notes::new(true))
+        Session::new(arguments, denoiser, Interrupt::listen(), times, None, Notes::new(true))
     }
 
     /// Whatever the error of a denoiser is, all samples are saved, as a raw image and as a checkpoint.

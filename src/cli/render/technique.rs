@@ -27,7 +27,7 @@ pub fn fit_denoiser(
     denoiser: &mut Denoiser,
     notes: &mut Notes,
 ) -> Option<Duration> {
-    let pixels = u64::from(settings.image.crop_window().width) * u64::from(settings.image.crop_window().height);
+    let pixels = settings.image.crop_window().pixels();
     if let Some(time) = arguments.time.filter(|_| arguments.denoise.is_none() && arguments.noise.is_none())
         && denoiser.fit(gpu, pixels, DENOISED_SHARE * time.as_secs_f64())
     {

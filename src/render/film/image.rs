@@ -67,6 +67,14 @@ impl Image {
         self.channels.iter().find(|channel| channel.name == name).map(|channel| channel.samples.as_slice())
     }
 
+    /// The image with those of its channels that are `R`, `G` or `B`.
+    pub fn colour(&self) -> Image {
+        let is_colour = |channel: &&Channel| ["R", "G", "B"].contains(&channel.name.as_str());
+        let channels = self.channels.iter().filter(is_colour).cloned().collect();
+        let Image { width, height, ref metadata, crop, transparent, .. } = *self;
+        Image { width, height, channels, metadata: metadata.clone(), crop, transparent }
+    }
+
     /// The root channels `R`, `G` and `B`.
     ///
     /// # Errors

@@ -6,8 +6,9 @@ use rayon::prelude::*;
 
 use super::atomic::{Problem, write_atomically};
 use super::image::{FINGERPRINT, Image, Metadata};
-use super::tone_map::{View, linear_from_srgb};
+use super::tone_map::View;
 use crate::input::Picture;
+use crate::scene::linear_from_srgb;
 use crate::{Error, Result};
 
 /// Maximum number of pixels: 8,192 x 4,096, an environment map of the largest common size. Each takes 16 bytes while it

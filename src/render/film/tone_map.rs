@@ -64,11 +64,6 @@ pub(super) fn srgb_from_linear(x: f32) -> f32 {
     if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// The light of an sRGB code from 0 to 1.
-pub fn linear_from_srgb(x: f32) -> f32 {
-    if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
-}
-
 /// Khronos PBR Neutral, with the names and constants of its specification.
 fn neutral(colour: [f32; 3]) -> [f32; 3] {
     const F90: f32 = 0.04;

@@ -95,7 +95,7 @@ impl Pieces {
         let Whole { size: [width, height], half, ref quantities, .. } = self.whole;
         let total = (quantities.len() * size_of::<Total>()) as u64;
         // Descriptions may state any size.
-        let bytes = |crop: &Crop, each: u64| (u64::from(crop.width) * u64::from(crop.height)).saturating_mul(each);
+        let bytes = |crop: &Crop, each: u64| crop.pixels().saturating_mul(each);
         let mut sums = 0u64;
         for cell in Cells::new(self.whole.size, &self.extents()).all() {
             let mut nodes = Vec::new();

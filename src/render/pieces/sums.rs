@@ -171,8 +171,7 @@ impl PieceSums {
             quantity => samples_of(buffers, *quantity).is_some(),
         };
         let quantities = Quantity::ALL.into_iter().filter(has).collect();
-        let crop = image.crop_window();
-        let pixels = crop.width as usize * crop.height as usize;
+        let pixels = image.crop_window().pixels() as usize;
         let range = SampleRange { end: range.first, ..range };
         PieceSums { quantities, range, half, pixels, nodes: Vec::new(), batch: Vec::new() }
     }

@@ -1,10 +1,8 @@
 //! Comparison of an image with its baseline.
 
-use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageRgb8};
-
 use super::cases::Limits;
-use crate::render::film::{Image, Metadata, View};
-use crate::report::metrics::relmse;
+use crate::render::film::{Image, Metadata};
+use crate::report::metrics::{display, flip_of, relmse};
 use crate::{Error, Result};
 
 /// How far an image is from its baseline.
@@ -29,18 +27,15 @@ impl Comparison {
     /// As [`relmse`], with the file names `image` and `reference`.
     pub fn new(image: &Image, baseline: &Image, limits: &Limits) -> Result<Comparison> {
         let relmse = relmse(image, baseline)?;
-        let (shown, expected) = (display(image)?, display(baseline)?);
-        let [width, height] = [image.width, image.height];
-        let of = |bytes: &[u8]| FlipImageRgb8::with_data(width, height, bytes);
-        let map = nv_flip::flip(of(&expected), of(&shown), DEFAULT_PIXELS_PER_DEGREE);
-        let errors = map.to_vec();
+        let (shown, expected) = (display("image", image)?, display("reference", baseline)?);
+        let (flip, map) = flip_of([image.width, image.height], &shown, &expected);
         let pixels = image.pixels() as f64;
         let step = |(a, b): (&u8, &u8)| a.abs_diff(*b) > limits.step;
         let has_changed = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(step);
         let changed = shown.chunks(3).zip(expected.chunks(3)).filter(has_changed).count();
         Ok(Comparison {
             relmse,
-            flip: errors.iter().map(|error| f64::from(*error)).sum::<f64>() / pixels,
+            flip,
             changed: changed as f64 / pixels,
             different: different_pixels(image, baseline)?,
             map: map.apply_color_lut(&nv_flip::magma_lut()).to_vec(),
@@ -75,14 +70,6 @@ pub(super) fn different_pixels(a: &Image, b: &Image) -> Result<usize> {
     let (a, b) = (a.rgb().map_err(missing("image"))?, b.rgb().map_err(missing("reference"))?);
     let differs = |pixel: &usize| (0..3).any(|c| a[c][*pixel].to_bits() != b[c][*pixel].to_bits());
     Ok((0..a[0].len()).filter(differs).count())
-}
-
-/// The 8-bit sRGB colours of an image.
-pub(super) fn display(image: &Image) -> Result<Vec<u8>> {
-    let mut colour = image.clone();
-    colour.channels.retain(|channel| ["R", "G", "B"].contains(&channel.name.as_str()));
-    let missing = |channel| Error::input("image", channel, "there is no such channel");
-    colour.display(View::Neutral, 0.0).map_err(missing)
 }
 
 /// The kind of device that made an image; `None` if its metadata has no device.

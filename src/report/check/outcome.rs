@@ -144,8 +144,7 @@ impl Outcome {
 
 /// The colours of an image, and the device.
 fn as_baseline(image: &Image) -> Image {
-    let mut image = image.clone();
-    image.channels.retain(|channel| ["R", "G", "B"].contains(&channel.name.as_str()));
+    let mut image = image.colour();
     image.metadata.retain(|name, _| name.starts_with("penumbra:device") || name == "penumbra:driver");
     (image.crop, image.transparent) = (None, false);
     image

@@ -6,9 +6,10 @@ use std::path::Path;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use super::comparison::{Comparison, display};
+use super::comparison::Comparison;
 use super::outcome::{Finding, Outcome};
 use crate::render::film::Image;
+use crate::report::metrics::display;
 use crate::{Error, Result};
 
 /// Renders the page of the cases of `file`. `device` is the one that they ran on, and `unused` are the baselines that
@@ -117,7 +118,7 @@ fn figure(caption: &str, source: Option<&str>) -> String {
 
 /// The colours of an image, as a data URI.
 fn png_of(image: &Image) -> Result<String> {
-    png([image.width, image.height], &display(image)?)
+    png([image.width, image.height], &display("image", image)?)
 }
 
 /// 8-bit colours, as the data URI of a PNG.
