@@ -53,8 +53,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     pub checkpoint: Option<PathBuf>,
 
-    /// Continue the render that wrote the --checkpoint file, or begin it if there is no such file; --spp and all other
-    /// settings must be the same, and so is the image, bit by bit, as that of an uninterrupted render
+    /// Continue the render that wrote the --checkpoint file, or begin it if there is no such file. --spp and all else
+    /// that the samples depend on must be unchanged; the image then has the same bits as without the interruption
     #[arg(long, requires = "checkpoint", help_heading = "Output")]
     pub resume: bool,
 

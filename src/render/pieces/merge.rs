@@ -165,7 +165,7 @@ impl Pieces {
                 samples[index] += description.range().count();
             }
         }
-        let pixels = |cell: usize| cells[cell].width as usize * cells[cell].height as usize;
+        let pixels = |cell: usize| cells[cell].pixels() as usize;
         let samples = spread(self.whole.size, &cells, |cell| Some(vec![samples[cell]; pixels(cell)]));
         let mean = samples.iter().map(|n| f64::from(*n)).sum::<f64>() / samples.len() as f64;
         let merged = Merged { whole: &self.whole, cells: &cells, sums: &sums, samples };
