@@ -47,8 +47,8 @@ import package::lib::surface::{SurfaceHit, surface_at};
 var<private> shadow_rays: u32;
 var<private> bounce_rays: u32;
 
-// Vertices before Russian roulette may end a path: the first few bounces carry most of the image. Other numbers were
-// not compared.
+// Vertices before Russian roulette may end a path: the first few bounces carry most of the image. None of 1, 2 and 5 is
+// better in all scenes (docs/experiments.md, "Vertices before roulette").
 const FIRST_ROULETTE = 3u;
 
 // Set if the weight of a path of this invocation exceeds HEAVY_WEIGHT: either surfaces reflect more light than they

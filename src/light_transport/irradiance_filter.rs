@@ -5,13 +5,14 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::noisy_records::{Member, NoisyRecords};
-use super::record_grid::RecordGrid;
+use super::noisy_records::{Member, NoisyRecords, irradiance_of, set_irradiance};
+use super::record_grid::{RecordGrid, weight};
+use crate::passes::gather::RecordHead;
 
-/// How far a record finds others, in radii and in pixels. Less leaves more noise, and more takes slopes of irradiance
-/// for noise (docs/decisions.md, "Filtered records").
-const REACH_RADII: f32 = 3.0;
-const REACH_PIXELS: f32 = 32.0;
+/// How far a record finds others, in radii and in pixels. Less leaves more noise, and more blurs light that changes
+/// unevenly (docs/decisions.md, "Filtered records").
+const REACH_RADII: f32 = 4.0;
+const REACH_PIXELS: f32 = 44.0;
 
 /// How far, in pixels, a record finds others to share outliers with, and among how many records of the view: a wide
 /// mean needs few of them (docs/decisions.md, "Filtered records").
@@ -54,10 +55,23 @@ impl NoisyRecords<'_> {
         let known: Vec<Known> = indices().map(of_record).collect();
         // Means of near records are compared, not the records themselves: a record resembles most those that err in the
         // same direction.
-        let guides: Vec<Known> = indices().map(|i| known_of_all(&nearest(&members[i]), &known)).collect();
-        let members: Vec<Vec<Member>> = indices().map(|i| resembling(&members[i], &guides, i, own_or_less)).collect();
-        let values: Vec<f32> = indices().flat_map_iter(|i| self.mean_values(i, &members[i])).collect();
-        let variances: Vec<f32> = indices().map(|i| variance_of_mean(&members[i], self.variances)).collect();
+        let (means, guides): (Vec<LocalMean>, Vec<Known>) = indices()
+            .map(|i| {
+                let nearest = nearest(&members[i]);
+                let mean = self.local_mean(i, &nearest);
+                let variance = variance_of_mean(&nearest, |index| known[index].variance);
+                let guide = Known { irradiance: irradiance_of(&mean.values), variance };
+                (mean, guide)
+            })
+            .unzip();
+        let resembling = |i: usize| {
+            let change = |other: usize| means[i].share * self.change(&means[i].values, i, other);
+            resembling(&members[i], &guides, i, change, own_or_less)
+        };
+        let members: Vec<Vec<Member>> = indices().map(resembling).collect();
+        let values: Vec<f32> = indices().flat_map_iter(|i| self.local_mean(i, &members[i]).values).collect();
+        let variance = |i: usize| variance_of_mean(&members[i], |index| self.variances[index].into()) as f32;
+        let variances: Vec<f32> = indices().map(variance).collect();
         NoisyRecords { variances: &variances, values: &values, ..*self }.with_outliers_spread()
     }
 
@@ -83,7 +97,9 @@ impl NoisyRecords<'_> {
             }
             // Both variances explain a difference, so that records without an outlier receive light of those with one:
             // otherwise it would be lost.
-            let wide = self.mean_values(i, &resembling(&members, &known, i, |own, other| own + other));
+            // Slopes are left out, because an outlier has the gradient of its bright ray: it would lose its light.
+            let resembling = resembling(&members, &known, i, |_| DVec3::ZERO, |own, other| own + other);
+            let wide = self.mean_values(i, &resembling);
             self.values_of(i).iter().zip(wide).map(|(near, wide)| near + share as f32 * (wide - near)).collect()
         };
         (0..self.heads.len()).into_par_iter().flat_map_iter(spread).collect()
@@ -94,13 +110,75 @@ impl NoisyRecords<'_> {
         if members.is_empty() {
             return self.values_of(i).to_vec();
         }
-        let (mut sums, mut weights) = (vec![0.0; self.count()], 0.0);
+        let (mut sums, mut irradiance, mut weights) = (vec![0.0; self.count()], DVec3::ZERO, [0.0; 2]);
         for Member { index, weight } in members {
-            sums.iter_mut().zip(self.values_of(*index)).for_each(|(sum, value)| *sum += weight * f64::from(*value));
-            weights += weight;
+            let of_gradients = weight * self.share_of_gradients(*index, i);
+            sums.iter_mut()
+                .zip(self.values_of(*index))
+                .for_each(|(sum, value)| *sum += of_gradients * f64::from(*value));
+            irradiance += *weight * self.irradiance(*index);
+            weights = [weights[0] + of_gradients, weights[1] + weight];
         }
-        sums.iter().map(|sum| (sum / weights) as f32).collect()
+        let mut values: Vec<f32> = sums.iter().map(|sum| (sum / weights[0]) as f32).collect();
+        set_irradiance(&mut values, irradiance / weights[1]);
+        values
     }
+
+    /// The mean of the members at the place of record `i`. On a slope that is not the mean of their irradiance: at an
+    /// edge all members are on one side.
+    fn local_mean(&self, i: usize, members: &[Member]) -> LocalMean {
+        let mut values = self.mean_values(i, members);
+        let Slope { mean_change, share } = self.slope(i, members, &values);
+        let irradiance = irradiance_of(&values) - share * mean_change;
+        set_irradiance(&mut values, irradiance);
+        LocalMean { values, share }
+    }
+
+    /// The share with which gradients of record `of` count at another one. Near an edge they are steep, and change
+    /// within a pixel, so they count only as far as that record finds others itself.
+    fn share_of_gradients(&self, of: usize, at: usize) -> f64 {
+        let reach = RecordHead { size: REACH_RADII * self.radii[of], ..self.heads[of] };
+        weight(&reach, &self.heads[at]).into()
+    }
+
+    /// By how much the irradiance of the members changes around record `i` as the gradients of `values` predict. The
+    /// share is the slope of a straight line through the members' irradiance over the prediction.
+    fn slope(&self, i: usize, members: &[Member], values: &[f32]) -> Slope {
+        let (mut weights, mut change, mut irradiance, mut square, mut product) =
+            (0.0, DVec3::ZERO, DVec3::ZERO, 0.0, 0.0);
+        for Member { index, weight } in members {
+            let [expected, found] = [self.change(values, i, *index), self.irradiance(*index)];
+            weights += weight;
+            change += *weight * expected;
+            irradiance += *weight * found;
+            square += weight * expected.length_squared();
+            product += weight * expected.dot(found);
+        }
+        let mean_change = change / weights;
+        let share = (product - mean_change.dot(irradiance)) / (square - mean_change.dot(change));
+        // Without gradients, or without other members, there is no line.
+        if share.is_finite() {
+            Slope { mean_change, share: share.clamp(0.0, 1.0) }
+        } else {
+            Slope { mean_change: DVec3::ZERO, share: 0.0 }
+        }
+    }
+}
+
+/// The mean of records at the place of one of them.
+struct LocalMean {
+    /// As those of a record.
+    values: Vec<f32>,
+    /// The share of the change by the mean gradients that the records' irradiance confirms.
+    share: f64,
+}
+
+/// How irradiance changes around a record.
+struct Slope {
+    /// The mean change to the members, as the gradients predict it.
+    mean_change: DVec3,
+    /// The share of it that the members' irradiance confirms.
+    share: f64,
 }
 
 /// The members within half of the reach, where their weight falls to 0.
@@ -109,15 +187,22 @@ fn nearest(members: &[Member]) -> Vec<Member> {
     members.iter().map(nearer).filter(|member| member.weight > 0.0).collect()
 }
 
-/// Weighs the members by how well noise explains the difference of their guide from that of record `i`. `explained` is
-/// the squared difference that two variances explain.
-fn resembling(members: &[Member], guides: &[Known], i: usize, explained: impl Fn(f64, f64) -> f64) -> Vec<Member> {
-    let resembles = |other: &Known| {
-        let (a, b) = (guides[i].variance, other.variance);
-        let excess = guides[i].irradiance.distance_squared(other.irradiance) - explained(a, b);
+/// Weighs the members by how well noise explains the difference of their guide from that of record `i` plus the
+/// `change` to the member. `explained` is the squared difference that two variances explain.
+fn resembling(
+    members: &[Member],
+    guides: &[Known],
+    i: usize,
+    change: impl Fn(usize) -> DVec3,
+    explained: impl Fn(f64, f64) -> f64,
+) -> Vec<Member> {
+    let resembles = |index: usize| {
+        let (a, b) = (guides[i].variance, guides[index].variance);
+        let expected = guides[i].irradiance + change(index);
+        let excess = expected.distance_squared(guides[index].irradiance) - explained(a, b);
         if excess > 0.0 { (-excess / (INTERVAL * (a + b))).exp() } else { 1.0 }
     };
-    let weighed = |member: &Member| Member { weight: member.weight * resembles(&guides[member.index]), ..*member };
+    let weighed = |member: &Member| Member { weight: member.weight * resembles(member.index), ..*member };
     members.iter().map(weighed).collect()
 }
 
@@ -127,19 +212,10 @@ fn own_or_less(own: f64, other: f64) -> f64 {
     own + own.min(other)
 }
 
-/// The mean of members, and its variance.
-fn known_of_all(members: &[Member], known: &[Known]) -> Known {
-    let of = |channel: usize| mean(members, |member| known[member.index].irradiance[channel]);
-    let weights: f64 = members.iter().map(|member| member.weight).sum();
-    let variance = mean(members, |member| member.weight * known[member.index].variance) / weights;
-    Known { irradiance: DVec3::from([0, 1, 2].map(of)), variance }
-}
-
 /// The variance of the mean of members whose noise is independent.
-fn variance_of_mean(members: &[Member], variances: &[f32]) -> f32 {
+fn variance_of_mean(members: &[Member], variance: impl Fn(usize) -> f64) -> f64 {
     let weights: f64 = members.iter().map(|member| member.weight).sum();
-    let of = |member: &Member| member.weight.powi(2) * f64::from(variances[member.index]);
-    (members.iter().map(of).sum::<f64>() / weights.powi(2)) as f32
+    mean(members, |member| member.weight * variance(member.index)) / weights
 }
 
 /// Where a value lies in a range: 0 below it, 1 above it.
@@ -154,15 +230,20 @@ fn mean(members: &[Member], value: impl Fn(&Member) -> f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::noisy_records::plane::{Plane, SIDE, noise, uniform};
+    use super::super::noisy_records::plane::{PITCH, Plane, SIDE, noise, uniform};
     use super::*;
-    use crate::passes::gather::RecordHead;
+
+    /// As [`Plane::new`], with radii of which the reach is 15 records.
+    fn plane_of(record: impl Fn(usize, usize) -> [f32; 2]) -> Plane {
+        let mut plane = Plane::new(record);
+        plane.radii.fill(15.0 / REACH_RADII * PITCH);
+        plane
+    }
 
     /// The irradiance of each record, filtered.
     fn light_of(plane: &Plane) -> Vec<f32> {
         let filtered = plane.records().filtered();
         assert_eq!(filtered.len(), plane.values.len());
-        assert!(filtered.chunks(4).all(|texel| texel[..3] == [0.0; 3]));
         filtered.chunks(12).map(|record| record[7]).collect()
     }
 
@@ -176,7 +257,7 @@ mod tests {
     /// to 0 at a radius of fifteen records, the variance would fall to 3 / (2 pi 15^2), 1 in 471.
     #[test]
     fn noise_is_averaged() {
-        let plane = Plane::new(|column, row| [2.0 + noise(row * SIDE + column, 0.1), 0.03]);
+        let plane = plane_of(|column, row| [2.0 + noise(row * SIDE + column, 0.1), 0.03]);
         let before: Vec<f32> = plane.values.chunks(12).map(|record| record[3]).collect();
         let ([mean, variance], [filtered_mean, left]) =
             (mean_and_variance(&before), mean_and_variance(&light_of(&plane)));
@@ -187,10 +268,48 @@ mod tests {
         assert!(left > variance / 500.0 && left < variance / 50.0, "{variance} became {left}");
     }
 
+    /// At the end of a slope all neighbours are on one side, but the mean at the end is not theirs, because gradients
+    /// know the slope. It is theirs if there are no gradients, or if they point the other way.
+    #[test]
+    fn slopes_are_followed_where_gradients_know_them() {
+        let slope = |column: usize| 1.0 + 0.05 * column as f32;
+        let found = |gradient: f32| {
+            let mut plane = plane_of(|column, row| [slope(column) + noise(row * SIDE + column, 0.1), 300.0]);
+            plane.values.chunks_mut(4).for_each(|texel| texel[0] = gradient / PITCH);
+            let filtered = light_of(&plane);
+            // The mean over a part of the first column far from its ends.
+            (SIDE / 4..3 * SIDE / 4).map(|row| filtered[row * SIDE]).sum::<f32>() / (SIDE / 2) as f32
+        };
+        // The noise of a mean of some 150 records.
+        assert!((found(0.05) - slope(0)).abs() < 0.05, "{}", found(0.05));
+        let none = found(0.0);
+        // A third of the reach is 5 columns.
+        assert!(none > slope(3), "without gradients {none}");
+        assert!((found(-0.05) - none).abs() < 0.02, "{} with wrong gradients, and {none} without", found(-0.05));
+        // Twice the true gradient: the records show that half of it holds.
+        assert!((found(0.1) - slope(0)).abs() < 0.05, "{}", found(0.1));
+    }
+
+    /// Steep gradients of small records at an edge do not reach records that have the same light by chance.
+    #[test]
+    fn steep_gradients_stay_near() {
+        let mut plane = plane_of(|_, _| [1.0, 0.03]);
+        let is_edge = |i: usize| i % SIDE < 2;
+        for i in (0..SIDE * SIDE).filter(|i| is_edge(*i)) {
+            plane.radii[i] = PITCH;
+            plane.values[12 * i..][..12].chunks_mut(4).for_each(|texel| texel[0] = 100.0);
+        }
+        let filtered = plane.records().filtered();
+        let gradient = |column: usize| filtered[12 * (SIDE / 2 * SIDE + column)];
+        // They count up to REACH_RADII columns away.
+        assert!(gradient(0) > 50.0 && gradient(3) > 1.0, "{} and {}", gradient(0), gradient(3));
+        assert!((6..SIDE).all(|column| gradient(column) == 0.0), "{}", gradient(6));
+    }
+
     /// Records without noise keep their bits, whatever their light.
     #[test]
     fn records_without_noise_stay_as_they_are() {
-        let plane = Plane::new(|column, row| [uniform(row * SIDE + column), 0.0]);
+        let plane = plane_of(|column, row| [uniform(row * SIDE + column), 0.0]);
         let before: Vec<f32> = plane.values.chunks(12).map(|record| record[3]).collect();
         assert_eq!(light_of(&plane), before);
     }
@@ -199,8 +318,7 @@ mod tests {
     /// noise does not.
     #[test]
     fn edges_stay() {
-        let step =
-            |height: f32| Plane::new(move |column, _| [if column < SIDE / 2 { 1.0 } else { 1.0 + height }, 3e-4]);
+        let step = |height: f32| plane_of(move |column, _| [if column < SIDE / 2 { 1.0 } else { 1.0 + height }, 3e-4]);
         let at = |filtered: &[f32], column: usize| filtered[SIDE / 2 * SIDE + column];
         let filtered = light_of(&step(0.5));
         assert!((at(&filtered, SIDE / 2 - 1) - 1.0).abs() < 1e-4 && (at(&filtered, SIDE / 2) - 1.5).abs() < 1e-4);
@@ -212,7 +330,7 @@ mod tests {
     #[test]
     fn surfaces_do_not_mix() {
         let is_even = |column: usize, row: usize| (column + row).is_multiple_of(2);
-        let board = || Plane::new(|column, row| [if is_even(column, row) { 1.0 } else { 2.0 }, 3.0]);
+        let board = || plane_of(|column, row| [if is_even(column, row) { 1.0 } else { 2.0 }, 3.0]);
         assert!(light_of(&board()).iter().all(|x| (x - 1.5).abs() < 0.1), "the test proves nothing");
         for above in [false, true] {
             let mut plane = board();
@@ -239,7 +357,7 @@ mod tests {
     fn the_light_of_a_firefly_is_spread() {
         let middle = SIDE / 2;
         let bright = |column, row| (column, row) == (middle, middle);
-        let plane = Plane::new(|column, row| if bright(column, row) { [101.0, 3e4] } else { [1.0, 3e-2] });
+        let plane = plane_of(|column, row| if bright(column, row) { [101.0, 3e4] } else { [1.0, 3e-2] });
         let filtered = light_of(&plane);
         let more: f32 = filtered.iter().map(|irradiance| irradiance - 1.0).sum();
         assert!(more > 33.0 && more < 101.0, "{more} of 100");
@@ -252,7 +370,7 @@ mod tests {
     #[test]
     fn the_light_of_outliers_goes_far() {
         let place = |column, row| row == SIDE / 2 && (column == SIDE / 4 || column == 3 * SIDE / 4);
-        let plane = Plane::new(|column, row| if place(column, row) { [101.0, 3e4] } else { [1.0, 3e-2] });
+        let plane = plane_of(|column, row| if place(column, row) { [101.0, 3e4] } else { [1.0, 3e-2] });
         let filtered = light_of(&plane);
         let [mean, _] = mean_and_variance(&filtered);
         let brightest = filtered.iter().copied().fold(0.0, f32::max);
@@ -260,7 +378,7 @@ mod tests {
         assert!(mean > 1.03 && mean < 1.125 && brightest < 1.28, "mean {mean}, brightest {brightest}");
         let slope = |column: usize| 1.0 + 0.05 * column as f32;
         let at = |filtered: &[f32], column: usize| filtered[SIDE / 2 * SIDE + column];
-        let even = light_of(&Plane::new(|column, _| [slope(column), 300.0]));
+        let even = light_of(&plane_of(|column, _| [slope(column), 300.0]));
         // Means of the ends of a slope are off by a third of the reach: 5 columns of 15.
         assert!((at(&even, 0) - slope(5)).abs() < 0.1, "{} at the end, not {}", at(&even, 0), slope(5));
     }
@@ -268,7 +386,7 @@ mod tests {
     /// Records that are not finite, and those whose noise is unknown, stay as they are, and no other takes their light.
     #[test]
     fn invalid_records_take_no_part() {
-        let mut plane = Plane::new(|_, _| [1.0, 3.0]);
+        let mut plane = plane_of(|_, _| [1.0, 3.0]);
         for (i, light) in [(0, f32::NAN), (SIDE * 7 + 7, f32::INFINITY), (SIDE * 20 + 20, 1e30)] {
             plane.values[12 * i + 7] = light;
             if light == 1e30 { plane.variances[i] = f32::INFINITY } else { plane.heads[i].size = 0.0 }

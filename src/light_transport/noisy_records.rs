@@ -23,6 +23,20 @@ pub(super) struct Member {
     pub weight: f64,
 }
 
+/// Where the irradiance of each channel is among the values of a record.
+const IRRADIANCES: [usize; 3] = [3, 7, 11];
+
+/// The irradiance among the values of a record.
+pub(super) fn irradiance_of(values: &[f32]) -> DVec3 {
+    let [red, green, blue] = IRRADIANCES;
+    DVec3::new(values[red].into(), values[green].into(), values[blue].into())
+}
+
+/// Sets the irradiance among the values of a record.
+pub(super) fn set_irradiance(values: &mut [f32], irradiance: DVec3) {
+    IRRADIANCES.iter().zip(irradiance.to_array()).for_each(|(place, channel)| values[*place] = channel as f32);
+}
+
 impl NoisyRecords<'_> {
     /// How many values a record has.
     pub fn count(&self) -> usize {
@@ -30,7 +44,7 @@ impl NoisyRecords<'_> {
     }
 
     pub fn irradiance(&self, i: usize) -> DVec3 {
-        DVec3::from([3, 7, 11].map(|channel| f64::from(self.values_of(i)[channel])))
+        irradiance_of(self.values_of(i))
     }
 
     /// Whether the record is valid and its noise is known.
@@ -41,6 +55,22 @@ impl NoisyRecords<'_> {
     /// The values of a record.
     pub fn values_of(&self, i: usize) -> &[f32] {
         &self.values[i * self.count()..][..self.count()]
+    }
+
+    /// The change of irradiance from one record to another by the gradients of `values`, which are those of a record at
+    /// the first; see `weighted_irradiance` in `shaders/lib/record.wgsl`.
+    pub fn change(&self, values: &[f32], from: usize, to: usize) -> DVec3 {
+        let (here, there) = (&self.heads[from], &self.heads[to]);
+        let offset = Vec3::from(there.position) - Vec3::from(here.position);
+        let axis = Vec3::from(here.normal).cross(Vec3::from(there.normal));
+        let texels = values.as_chunks::<4>().0;
+        let channel = |c: usize| {
+            let [x, y, z, irradiance] = texels[c];
+            // Only records of curved surfaces have a rotational gradient.
+            let turned = texels.get(3 + c).map_or(0.0, |[x, y, z, _]| Vec3::new(*x, *y, *z).dot(axis));
+            f64::from((Vec3::new(x, y, z).dot(offset) + turned).max(-irradiance).min(irradiance))
+        };
+        DVec3::new(channel(0), channel(1), channel(2))
     }
 
     /// The records of the grid on the same surface within `reach` of a record, and the record itself.

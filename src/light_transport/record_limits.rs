@@ -4,7 +4,6 @@
 //! records of their own. Gather rays reduce the noise, so more rays bring more and smaller records, and interpolation
 //! leaves no error in a long render.
 
-use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::noisy_records::{Member, NoisyRecords};
@@ -62,30 +61,14 @@ impl NoisyRecords<'_> {
         others.fold(Residual::default(), |sum, member| {
             let noise = f64::from(self.variances[i]) + f64::from(self.variances[member.index]);
             let irradiance = self.irradiance(member.index);
+            let extrapolated = self.irradiance(i) + self.change(self.values_of(i), i, member.index);
             sum.plus(Residual {
-                excess: self.extrapolated(i, member.index).distance_squared(irradiance) - noise,
+                excess: extrapolated.distance_squared(irradiance) - noise,
                 powers: (1.0 - member.weight).powi(4),
                 allowed: ALLOWED * 0.5 * noise + ALWAYS_ALLOWED.powi(2) * irradiance.length_squared(),
                 pairs: 1.0,
             })
         })
-    }
-
-    /// The irradiance at another record by the gradients of this one; see `weighted_irradiance` in
-    /// `shaders/lib/record.wgsl`.
-    fn extrapolated(&self, i: usize, other: usize) -> DVec3 {
-        let (here, there) = (&self.heads[i], &self.heads[other]);
-        let offset = Vec3::from(there.position) - Vec3::from(here.position);
-        let axis = Vec3::from(here.normal).cross(Vec3::from(there.normal));
-        let texels = self.values_of(i).as_chunks::<4>().0;
-        let channel = |c: usize| {
-            let [x, y, z, irradiance] = texels[c];
-            // Only records of curved surfaces have a rotational gradient.
-            let turned = texels.get(3 + c).map_or(0.0, |[x, y, z, _]| Vec3::new(*x, *y, *z).dot(axis));
-            let change = Vec3::new(x, y, z).dot(offset) + turned;
-            f64::from(irradiance + change.max(-irradiance).min(irradiance))
-        };
-        DVec3::from([0, 1, 2].map(channel))
     }
 }
 
