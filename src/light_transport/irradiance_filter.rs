@@ -244,6 +244,8 @@ mod tests {
     fn light_of(plane: &Plane) -> Vec<f32> {
         let filtered = plane.records().filtered();
         assert_eq!(filtered.len(), plane.values.len());
+        // Gradients stay as they are where all are equal.
+        assert!(filtered.chunks(4).all(|texel| texel[..3] == plane.values[..3]));
         filtered.chunks(12).map(|record| record[7]).collect()
     }
 
