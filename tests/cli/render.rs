@@ -129,7 +129,15 @@ fn times_of_first_samples_are_remembered() {
     render("--spp 1 --technique path");
     render("--spp 1 --photons 4096");
     assert!(!file.exists(), "nothing is expected of these");
-    render("--spp 1");
+    // Loading a kernel may take as long as compiling it while the machine is busy, and then nothing is remembered.
+    let remembers = || {
+        let before = fs::read(&file).ok();
+        (0..10).any(|_| {
+            render("--spp 1");
+            fs::read(&file).ok() != before
+        })
+    };
+    assert!(remembers());
     let remembered = read_json(&file);
     let (device, ratios) = remembered.as_object().unwrap().iter().next().unwrap();
     assert!(ratios.as_array().unwrap().len() == 1 && ratios[0].as_f64().unwrap() > 0.0, "{ratios}");
@@ -150,7 +158,7 @@ fn times_of_first_samples_are_remembered() {
     fs::write(&file, "no JSON").unwrap();
     assert!(!takes_paths());
     fs::write(&file, serde_json::json!({ device: vec![2.0; 20] }).to_string()).unwrap();
-    render("--spp 1");
+    assert!(remembers());
     let kept = read_json(&file);
     assert_eq!(kept.as_object().unwrap().values().next().unwrap().as_array().unwrap().len(), 9, "{kept}");
 }
