@@ -44,6 +44,7 @@ pub use groups::{
     LightSamplingSettings, SampleRange, ShadowRaySettings, VisibilityMapSettings, WardSettings,
 };
 pub use technique::Technique;
+use technique::{Requirements, Transport, Visibility};
 
 /// How lights are sampled: which lights a point uses if direct light is a separate pass, and with which probabilities a
 /// path samples one.
@@ -298,6 +299,24 @@ impl Settings {
         self
     }
 
+    /// Whether the image converges to the true one as samples are added. Indirect light converges only as far as
+    /// photons and irradiance records allow; their number grows with the samples.
+    pub fn is_unbiased(&self) -> bool {
+        let Requirements { transport, visibility, .. } = self.technique.requirements();
+        let has_true_visibility = match visibility {
+            Visibility::ShadowRays | Visibility::LightBuffer => true,
+            Visibility::Photons => self.visibility_map.audit > 0.0,
+            Visibility::Adaptive => self.ward.tolerance == 0.0,
+            Visibility::PhotonsAlone | Visibility::Cells | Visibility::Voxels => false,
+        };
+        let is_unbiased = match transport {
+            Transport::Paths => true,
+            Transport::TwoPass => has_true_visibility,
+            Transport::ShownMap | Transport::ShownMapWithNegativePhotons => false,
+        };
+        is_unbiased && self.indirect.clamp.is_none()
+    }
+
     /// Whether the film keeps the sums from which the error of the image is estimated.
     pub(crate) fn estimates_error(&self) -> bool {
         let is_requested =
@@ -374,6 +393,7 @@ impl Settings {
         self.check_integers()?;
         self.check_reals()?;
         self.check_piece()?;
+        self.check_noise()?;
         self.check_light_sampling()
     }
 
@@ -429,7 +449,7 @@ impl Settings {
                 return refuse(name, problem);
             }
         }
-        if self.technique.requirements().visibility == technique::Visibility::Adaptive {
+        if self.technique.requirements().visibility == Visibility::Adaptive {
             let problem = format!("{with} {} learns from earlier samples", self.technique);
             return refuse("technique", problem);
         }
@@ -443,12 +463,20 @@ impl Settings {
         Ok(())
     }
 
+    fn check_noise(&self) -> Result<()> {
+        let problem = match self.image.noise {
+            Some(noise) if !(noise > 0.0 && noise.is_finite()) => {
+                format!("is {noise}; it must be finite and more than 0")
+            }
+            Some(_) if !self.is_unbiased() => "needs an unbiased technique without `indirect.clamp`, and audits where \
+                 photons classify points: only then can the error be estimated"
+                .to_owned(),
+            _ => return Ok(()),
+        };
+        Err(Error::setting("image.noise", problem))
+    }
+
     fn check_reals(&self) -> Result<()> {
-        if let Some(noise) = self.image.noise
-            && !(noise > 0.0 && noise.is_finite())
-        {
-            return Err(Error::setting("image.noise", format!("is {noise}; it must be finite and more than 0")));
-        }
         let refuse =
             |name, value: f32, range: &str| Err(Error::setting(name, format!("is {value}; it must be {range}")));
         if let Background::Colour(colour) = self.image.background

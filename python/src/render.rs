@@ -71,11 +71,6 @@ pub fn run(py: Python<'_>, mut job: Job) -> PyResult<RenderResult> {
     if job.limits.is_open {
         job.settings.image.spp = Settings::UNLIMITED_SPP;
     }
-    if job.settings.image.noise.is_some() && !job.settings.is_unbiased() {
-        let problem = "noise needs an unbiased technique without clamp, and audits where photons classify points, to \
-             estimate the error";
-        return Err(error(problem));
-    }
     job.settings.check().map_err(of_library)?;
     if job.settings.image.piece.is_some() && job.limits.seconds.is_some() {
         return Err(error(

@@ -14,7 +14,7 @@ use penumbra::settings::Denoise;
 use penumbra::{Aov, Camera, Denoiser, Error, Result, Scene};
 
 use super::options::{
-    DeviceOptions, ExtentOptions, OidnOptions, RenderOptions, SceneOptions, camera_word, denoisers, finite, positive,
+    DeviceOptions, ExtentOptions, OidnOptions, RenderOptions, SceneOptions, camera_word, denoisers, finite,
 };
 use super::{CommandLine, Ending, cache, flags, print, say};
 
@@ -42,21 +42,12 @@ pub struct Arguments {
     #[command(flatten)]
     settings: RenderOptions,
 
-    /// Render until the estimated relMSE of every block of 8 x 8 pixels is T or less; --spp is then the upper limit for
-    /// each pixel
-    #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
-    noise: Option<f64>,
-
     #[command(flatten)]
     device: DeviceOptions,
 }
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.settings.check(&ExtentOptions::default())?;
-    if arguments.noise.is_some() && !arguments.settings.is_unbiased() {
-        let problem = "--noise needs an unbiased technique without --clamp, and audits where photons classify points";
-        return Err(Error::Usage(problem.into()));
-    }
     let display = Display::open().map_err(|error| match error {
         Error::NoDisplay(problem) => {
             // The library of the window puts a location in its own source before the last colon.
@@ -85,8 +76,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
 
 /// What the window shows at first.
 fn choices(arguments: &Arguments, camera: &Camera) -> Result<Choices> {
-    let mut settings = arguments.settings.settings(camera, &ExtentOptions::default())?;
-    settings.image.noise = arguments.noise;
+    let settings = arguments.settings.settings(camera, &ExtentOptions::default())?;
     let display = Shown {
         overlay: Overlay::Picture,
         light: 0,

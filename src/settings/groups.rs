@@ -30,8 +30,8 @@ pub struct ImageSettings {
     pub aovs: Vec<Aov>,
     /// The denoiser whose input the film keeps; see [`crate::Denoiser`].
     pub denoise: Denoise,
-    /// Estimated relMSE at which a block of pixels gets no more samples (adaptive sampling), above 0. `None`: each
-    /// pixel gets `spp` samples.
+    /// Estimated relMSE at which a block of pixels gets no more samples (adaptive sampling), above 0. The image must be
+    /// unbiased ([`Settings::is_unbiased`]). `None`: each pixel gets `spp` samples.
     pub noise: Option<f64>,
     /// What the camera sees where there is no surface.
     pub background: Background,

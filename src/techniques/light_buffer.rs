@@ -30,7 +30,7 @@ impl Technique {
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::LIGHT_BUFFER, is_unbiased: |_| true, first_pass, second_pass };
+    Implementation { technique: Technique::LIGHT_BUFFER, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     setup.make_direct_light()?;

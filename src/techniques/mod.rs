@@ -1,5 +1,5 @@
-//! The techniques, one file each: name, help, requirements, whether the image is unbiased, and the two passes. A new
-//! technique is a new file, with a `mod` line and a line in `TECHNIQUES` here.
+//! The techniques, one file each: name, help, requirements, and the two passes. A new technique is a new
+//! file, with a `mod` line and a line in `TECHNIQUES` here.
 
 pub mod auto;
 mod light_buffer;
@@ -19,7 +19,7 @@ use std::str::FromStr;
 
 use passes::Implementation;
 
-use crate::settings::{Settings, Technique};
+use crate::settings::Technique;
 
 /// All techniques, in the order of help and reports.
 static TECHNIQUES: &[Implementation] = &[
@@ -51,14 +51,6 @@ impl Technique {
     }
 }
 
-impl Settings {
-    /// Whether the image converges to the true one as samples are added. Indirect light converges only as far as
-    /// photons and irradiance records allow; their number grows with the samples.
-    pub fn is_unbiased(&self) -> bool {
-        self.indirect.clamp.is_none() && (implementation(self.technique).is_unbiased)(self)
-    }
-}
-
 impl Default for Technique {
     /// [`Technique::SHADOW_PHOTONS`].
     fn default() -> Technique {
@@ -81,6 +73,7 @@ impl FromStr for Technique {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::Settings;
 
     /// Each technique is found by its name, and the error for an unknown name lists all names.
     #[test]
@@ -93,5 +86,22 @@ mod tests {
         }
         let error = "photons".parse::<Technique>().unwrap_err();
         assert!(Technique::all().all(|technique| error.contains(technique.name())), "{error}");
+    }
+
+    /// Techniques that trace a shadow ray wherever they do not know are unbiased: a noise is requested of these alone.
+    #[test]
+    fn a_noise_requires_an_unbiased_image() {
+        let unbiased = ["path", "two-pass", "shadow-photons", "light-buffer"];
+        let noisy = Settings::default().with(|s| s.image.noise = Some(0.01));
+        for technique in Technique::all() {
+            let settings = noisy.clone().with(|s| s.technique = technique);
+            assert_eq!(settings.check().is_ok(), unbiased.contains(&technique.name()), "{technique}");
+            let clamped = settings.with(|s| s.indirect.clamp = Some(1.0));
+            assert!(!clamped.is_unbiased() && clamped.check().is_err(), "{technique}");
+            assert!(clamped.with(|s| s.image.noise = None).check().is_ok(), "{technique}");
+        }
+        assert!(!noisy.clone().with(|s| s.visibility_map.audit = 0.0).is_unbiased());
+        let exact = noisy.with(|s| (s.technique, s.ward.tolerance) = (Technique::WARD_ADAPTIVE, 0.0));
+        assert!(exact.is_unbiased() && exact.check().is_ok());
     }
 }

@@ -23,7 +23,7 @@ impl Technique {
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::NEGATIVE_PHOTONS, is_unbiased: |_| false, first_pass, second_pass };
+    Implementation { technique: Technique::NEGATIVE_PHOTONS, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     // The global map. Rays continue through the first surface, and store photons of negative flux behind it.

@@ -4,14 +4,12 @@ use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::second_pass::SecondPass;
 use crate::passes::classify::Chunk;
-use crate::settings::{Settings, Technique};
+use crate::settings::Technique;
 
 /// A technique with its passes.
 pub(crate) struct Implementation {
     /// Name, help and requirements.
     pub technique: Technique,
-    /// Whether the image converges to the true one with these settings; see [`Settings::is_unbiased`].
-    pub is_unbiased: fn(&Settings) -> bool,
     /// Runs once, before the first sample.
     pub first_pass: fn(&mut FirstPass<'_>) -> Result<()>,
     /// A frame: runs for each tile, and adds one or more samples.

@@ -23,7 +23,7 @@ impl Technique {
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::PATH, is_unbiased: |_| true, first_pass, second_pass };
+    Implementation { technique: Technique::PATH, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     // There are no photons and no records; this only binds pass `path`.

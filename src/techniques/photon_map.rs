@@ -24,7 +24,7 @@ impl Technique {
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::PHOTON_MAP, is_unbiased: |_| false, first_pass, second_pass };
+    Implementation { technique: Technique::PHOTON_MAP, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     // The global map alone.

@@ -26,12 +26,8 @@ impl Technique {
     });
 }
 
-pub(super) const IMPLEMENTATION: Implementation = Implementation {
-    technique: Technique::SHADOW_PHOTONS,
-    is_unbiased: |settings| settings.visibility_map.audit > 0.0,
-    first_pass,
-    second_pass,
-};
+pub(super) const IMPLEMENTATION: Implementation =
+    Implementation { technique: Technique::SHADOW_PHOTONS, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     // Many lights: "divide the scene into zones according to the light sources". There is no visibility map then.

@@ -23,7 +23,7 @@ impl Technique {
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::TWO_PASS, is_unbiased: |_| true, first_pass, second_pass };
+    Implementation { technique: Technique::TWO_PASS, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     // Only if the settings request a few of many lights.

@@ -30,7 +30,7 @@ impl Technique {
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::VISIBILITY_CELLS, is_unbiased: |_| false, first_pass, second_pass };
+    Implementation { technique: Technique::VISIBILITY_CELLS, first_pass, second_pass };
 
 pub(super) fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     setup.make_direct_light()?;

@@ -24,7 +24,7 @@ impl Technique {
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::VISIBILITY_ESTIMATE, is_unbiased: |_| false, first_pass, second_pass };
+    Implementation { technique: Technique::VISIBILITY_ESTIMATE, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     // Illumination and shadow photons of every light ("Extending the photon map").

@@ -28,4 +28,4 @@ impl Technique {
 /// The passes of `visibility-cells`. With the feature `voxel_tags`, the classes that pass `cells` gives to cells are
 /// tags.
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::VOXEL_TAGS, is_unbiased: |_| false, first_pass, second_pass };
+    Implementation { technique: Technique::VOXEL_TAGS, first_pass, second_pass };

@@ -25,12 +25,8 @@ impl Technique {
     });
 }
 
-pub(super) const IMPLEMENTATION: Implementation = Implementation {
-    technique: Technique::WARD_ADAPTIVE,
-    is_unbiased: |settings| settings.ward.tolerance == 0.0,
-    first_pass,
-    second_pass,
-};
+pub(super) const IMPLEMENTATION: Implementation =
+    Implementation { technique: Technique::WARD_ADAPTIVE, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     setup.make_direct_light()?;

@@ -444,7 +444,8 @@ fn display(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
 fn light(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
     let settings = &mut choices.settings;
     ComboBox::from_label("technique").selected_text(settings.technique.name()).show_ui(ui, |ui| {
-        for technique in Technique::all() {
+        let is_allowed = |technique: &Technique| settings.clone().with(|s| s.technique = *technique).check().is_ok();
+        for technique in Technique::all().filter(is_allowed).collect::<Vec<_>>() {
             ui.selectable_value(&mut settings.technique, technique, technique.name()).on_hover_text(technique.help());
         }
     });

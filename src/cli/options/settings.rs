@@ -5,7 +5,9 @@ use penumbra::internal::gpu_scene::camera::CameraUniform;
 use penumbra::settings::{Background, Crop, LightSampling, SampleRange, Sampling};
 use penumbra::{Camera, Result, Settings, Technique};
 
-use super::values::{AovList, TechniqueChoice, background, crop, light_samplings, samplings, technique_or_auto};
+use super::values::{
+    AovList, TechniqueChoice, background, crop, light_samplings, positive, samplings, technique_or_auto,
+};
 
 /// The pixels and the samples that are rendered.
 #[derive(Args, Default)]
@@ -49,12 +51,19 @@ pub struct RenderOptions {
     #[arg(long, value_name = "SAMPLING", value_parser = samplings())]
     sampling: Option<Sampling>,
 
+    /// Render until the estimated relMSE (squared error relative to the brightness) of every block of 8 x 8 pixels is T
+    /// or less: samples go where the image is noisiest; with --denoise, where the denoised image is. The estimate
+    /// leaves out the error of indirect light that all samples share. --spp is then only an upper limit for each pixel;
+    /// by default, `render` does not limit the number of samples
+    #[arg(long, value_name = "T", value_parser = positive)]
+    pub noise: Option<f64>,
+
     /// Channels besides the image, for .exr: names separated by commas, or all [default: none]
     #[arg(long, value_name = "LIST", long_help = AovList::help())]
     aov: Option<AovList>,
 
-    /// What is seen where there is no surface: environment, transparent, or a colour as #RRGGBB (sRGB) or R,G,B (linear
-    /// radiance), which .png tone-maps like the rest; the environment lights the scene in any case
+    /// What is seen where there is no surface: environment, transparent, or a colour as #RRGGBB or #RGB (sRGB) or as
+    /// R,G,B (linear radiance), which .png tone-maps like the rest; the environment lights the scene in any case
     #[arg(
         long,
         value_name = "BACKGROUND",
@@ -95,12 +104,8 @@ impl RenderOptions {
         settings.image.crop = extent.crop;
         settings.image.piece = extent.samples;
         settings.image.background = self.background;
+        settings.image.noise = self.noise;
         settings
-    }
-
-    /// As [`Settings::is_unbiased`].
-    pub fn is_unbiased(&self) -> bool {
-        self.of_aspect(1.0, &ExtentOptions::default()).is_unbiased()
     }
 
     /// The user names no technique.

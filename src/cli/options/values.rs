@@ -181,6 +181,9 @@ pub fn crop(text: &str) -> std::result::Result<Crop, String> {
     parts.ok_or_else(|| "it must be four whole numbers of pixels, as in 0,0,64,48".into())
 }
 
+const BACKGROUND_PROBLEM: &str =
+    "it must be environment, transparent, a colour as #RRGGBB or #RGB, or three numbers that are 0 or more";
+
 pub fn background(text: &str) -> std::result::Result<Background, String> {
     match text {
         "environment" => return Ok(Background::Environment),
@@ -189,10 +192,35 @@ pub fn background(text: &str) -> std::result::Result<Background, String> {
     }
     let linear = || numbers(text).filter(|colour: &[f32; 3]| colour.iter().all(|x| x.is_finite() && *x >= 0.0));
     let coded = || {
-        let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6)?;
-        let code = u32::from_str_radix(digits, 16).ok()?.to_be_bytes();
+        // `from_str_radix` would take a sign for a digit.
+        let digits = text.strip_prefix('#').filter(|digits| digits.chars().all(|digit| digit.is_ascii_hexdigit()))?;
+        let digits = match digits.len() {
+            3 => digits.chars().flat_map(|digit| [digit; 2]).collect(),
+            6 => digits.to_owned(),
+            _ => return None,
+        };
+        let code = u32::from_str_radix(&digits, 16).ok()?.to_be_bytes();
         Some([1, 2, 3].map(|i| linear_from_srgb(f32::from(code[i]) / 255.0)))
     };
-    let problem = "it must be environment, transparent, a colour as #RRGGBB, or three numbers that are 0 or more";
-    coded().or_else(linear).map(Background::Colour).ok_or_else(|| problem.into())
+    coded().or_else(linear).map(Background::Colour).ok_or_else(|| BACKGROUND_PROBLEM.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Colours of three digits are those of six with each digit doubled. Signs and other lengths are refused.
+    #[test]
+    fn backgrounds_are_read() {
+        let colour = |text: &str| match background(text) {
+            Ok(Background::Colour(colour)) => Some(colour),
+            _ => None,
+        };
+        assert_eq!(colour("#f80"), colour("#FF8800"));
+        assert_eq!(colour("#0f0"), Some([0.0, 1.0, 0.0]));
+        assert_eq!(colour("0,2.5,0"), Some([0.0, 2.5, 0.0]));
+        for wrong in ["#", "#12", "#+12345", "#12345g", "#1234567", "1,2", "-1,0,0", "inf,0,0", "white"] {
+            assert_eq!(background(wrong).unwrap_err(), BACKGROUND_PROBLEM, "{wrong}");
+        }
+    }
 }

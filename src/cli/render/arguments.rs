@@ -76,13 +76,6 @@ pub struct Arguments {
     #[arg(long, value_name = "SECONDS", value_parser = time_budget, help_heading = "Image")]
     pub time: Option<Duration>,
 
-    /// Render until the estimated relMSE (squared error relative to the brightness) of every block of 8 x 8 pixels is T
-    /// or less: samples go where the image is noisiest; with --denoise, where the denoised image is. The estimate
-    /// leaves out the error of indirect light that all samples share. --spp is then only an upper limit for each pixel;
-    /// by default the number of samples is not limited
-    #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
-    pub noise: Option<f64>,
-
     #[command(flatten)]
     pub device: DeviceOptions,
 }
@@ -104,11 +97,6 @@ impl Arguments {
             return Err(Error::Usage("--aov needs an output that is .exr: a .png holds only the picture".into()));
         }
         self.check_piece()?;
-        if self.noise.is_some() && !self.settings.is_unbiased() {
-            let problem = "--noise needs an unbiased technique without --clamp, and audits where photons classify \
-                 points, to estimate the error";
-            return Err(Error::Usage(problem.into()));
-        }
         files.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;
         if let Some(path) = self.checkpoint.as_ref().filter(|path| path.exists() && !self.resume) {
             let problem = "exists already: add --resume to continue its render, or remove it to begin another";
@@ -117,15 +105,10 @@ impl Arguments {
         self.check_names(&[])
     }
 
-    /// Checks that the piece is written as sums that can be merged, and that no other piece decides its samples.
+    /// Checks that the piece is written as sums that can be merged, and that time does not decide on its samples.
     fn check_piece(&self) -> Result<()> {
         if !self.extent.is_piece() {
             return Ok(());
-        }
-        if self.noise.is_some() {
-            let problem = "--noise cannot be combined with --samples: which pixels get samples would depend on \
-                 other pieces";
-            return Err(Error::Usage(problem.into()));
         }
         if self.time.is_some() {
             let problem = "--time cannot be combined with --samples: how many samples a pixel gets would depend \

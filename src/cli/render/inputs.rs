@@ -69,12 +69,11 @@ pub fn turntable(arguments: &Arguments, scene: &Scene) -> Result<Option<Vec<Came
 /// The settings of the render through this camera.
 fn settings(arguments: &Arguments, camera: &Camera, denoiser: &Denoiser) -> Result<Settings> {
     let mut settings = arguments.settings.settings(camera, &arguments.extent)?;
-    if (arguments.time.is_some() || arguments.noise.is_some()) && arguments.settings.spp.is_none() {
+    if (arguments.time.is_some() || settings.image.noise.is_some()) && arguments.settings.spp.is_none() {
         settings.image.spp = Settings::UNLIMITED_SPP;
     }
     // A piece keeps what the denoisers of the merged image need.
     let is_piece = arguments.extent.is_piece();
     settings.image.denoise = if is_piece { arguments.denoise.unwrap_or_default() } else { denoiser.choice() };
-    settings.image.noise = arguments.noise;
     Ok(settings)
 }

@@ -208,7 +208,7 @@ impl<'a> Session<'a> {
     /// Says the estimated error of a render with `--noise`.
     fn say_estimate(&self, renderer: &Renderer<'_>, statistics: &Statistics) -> Result<()> {
         // The estimate reads the film from the device, which takes time that may be limited.
-        if self.arguments.noise.is_none() || self.arguments.quiet {
+        if self.arguments.settings.noise.is_none() || self.arguments.quiet {
             return Ok(());
         }
         let Some(estimate) = renderer.estimated_relmse()? else { return Ok(()) };

@@ -28,7 +28,7 @@ pub fn fit_denoiser(
     notes: &mut Notes,
 ) -> Option<Duration> {
     let pixels = settings.image.crop_window().pixels();
-    if let Some(time) = arguments.time.filter(|_| arguments.denoise.is_none() && arguments.noise.is_none())
+    if let Some(time) = arguments.time.filter(|_| arguments.denoise.is_none() && arguments.settings.noise.is_none())
         && denoiser.fit(gpu, pixels, DENOISED_SHARE * time.as_secs_f64())
     {
         let rest = denoiser.names().next().map_or("the image stays raw".to_owned(), |name| {
