@@ -5,6 +5,7 @@ mod groups;
 pub(crate) mod stages;
 pub mod technique;
 mod unused;
+pub(crate) mod values;
 
 use std::fmt;
 use std::str::FromStr;

@@ -12,11 +12,12 @@ use serde::{Deserialize, Serialize};
 use super::sample_allocation::SampleAllocation;
 use crate::fingerprint::digest;
 use crate::render::film::{read_file, write_atomically};
+use crate::settings::values::SettingValues;
 use crate::statistics::totals::Totals;
 use crate::{Error, Result};
 
 /// The first bytes of every file; the number rises when the format changes.
-const MAGIC: &[u8] = b"penumbra checkpoint 10\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 11\n";
 
 /// Bytes of the digest of everything after it.
 const DIGEST: usize = 32;
@@ -27,6 +28,8 @@ pub(super) struct Header {
     pub version: String,
     /// Fingerprint of scene, camera, settings and version.
     pub fingerprint: String,
+    /// In an error they say why the fingerprint differs.
+    pub settings: SettingValues,
     pub samples: u32,
     /// Stage of indirect light (photons and gather rays); see `settings/stages.rs`.
     pub stage: i32,

@@ -9,6 +9,7 @@ use super::renderer::Renderer;
 use crate::light_transport::shared::Shared;
 use crate::light_transport::visibility_map::MapState;
 use crate::settings::stages::LAST_STAGE;
+use crate::settings::values::difference;
 use crate::{Error, Result};
 
 impl Renderer<'_> {
@@ -48,6 +49,7 @@ impl Renderer<'_> {
         let header = Header {
             version: Header::version(),
             fingerprint: String::new(),
+            settings: self.settings.values(),
             samples: self.sampling.samples,
             stage: self.view.stage,
             growth: self
@@ -79,18 +81,17 @@ impl Renderer<'_> {
     /// the first sample.
     ///
     /// # Errors
-    /// [`Error::Input`] if the checkpoint belongs to another scene, another camera or other settings, including seed
-    /// and number of samples.
+    /// [`Error::Input`] if the checkpoint belongs to another scene, another camera or other settings, which it names.
     pub fn resume_from(&mut self, from: &Checkpoint) -> Result<()> {
         let Checkpoint { header, words, file } = from;
         let refuse = |problem: &str| Error::input(file.as_deref().unwrap_or("checkpoint".as_ref()), "file", problem);
         let damaged = || refuse("the checkpoint is damaged");
         let unsigned = file.is_none() && header.fingerprint.is_empty();
         if !unsigned && header.fingerprint != self.fingerprint() {
-            return Err(refuse(
-                "the checkpoint is of another scene or camera, or of other settings: all that the samples depend on \
-                 must be the same, such as `image.seed`, `image.spp`, the size, and whether the image is denoised",
-            ));
+            return Err(refuse(&match difference(&header.settings, &self.settings.values()) {
+                Some(difference) => format!("the checkpoint is of other settings: {difference}"),
+                None => "the checkpoint is of another scene or camera".to_owned(),
+            }));
         }
         self.restore_trial(header.samples, header.has_visibility_map)?;
         if !self.fits(header) {

@@ -274,7 +274,7 @@ fn a_checkpoint_of_other_settings_is_refused() {
     let checkpoint = Renderer::new(&gpu, scene.clone(), &camera, &settings).unwrap().checkpoint().unwrap();
     let other = settings.with(|s| s.image.seed = 1);
     let error = Renderer::new(&gpu, scene, &camera, &other).unwrap().resume_from(&checkpoint).unwrap_err();
-    assert!(error.to_string().contains("`image.seed`"), "{error}");
+    assert!(error.to_string().contains("other settings: seed is 0, not 1"), "{error}");
 }
 
 /// Every operation on a lost device returns an error: no panic, no endless wait, no false result.

@@ -238,8 +238,8 @@ fn pieces_that_do_not_fit_are_named() {
     let scene = piece("sphere.glb", 3, 8, "scene.exr", &|_| {});
     let seed = piece("box.glb", 3, 8, "seed.exr", &|s| s.image.seed = 1);
     for (other, expected) in [
-        (&scene, "scene.exr: the piece is of another scene or camera, or of other settings, than"),
-        (&seed, "seed.exr: the piece is of another scene or camera, or of other settings, than"),
+        (&scene, "scene.exr: the piece is of another scene or camera than"),
+        (&seed, "seed.exr: the piece is of other settings (seed is 1, not 0) than"),
         (&doubled, "doubled.exr: the piece has samples 2..4 of the pixels 0,0,24,12, some of which"),
         (&first, "first.exr: the piece has samples 0..3 of the pixels 0,0,24,12, some of which"),
     ] {

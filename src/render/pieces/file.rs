@@ -16,6 +16,7 @@ use crate::render::picture::Quantity;
 use crate::render::renderer::Renderer;
 use crate::render::tiles::first_half;
 use crate::scene::Normalisation;
+use crate::settings::values::SettingValues;
 use crate::settings::{Aov, Background, Crop, Denoise, SampleRange};
 use crate::statistics::Counter;
 use crate::{Error, Result};
@@ -24,7 +25,7 @@ use crate::{Error, Result};
 pub(super) const DESCRIPTION: &str = "penumbra:piece";
 
 /// The number rises when the format changes.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// Data that all pieces of an image have in common.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,6 +36,8 @@ pub(super) struct Whole {
     pub device: String,
     /// Fingerprint of scene, camera and settings, without crop and sample range.
     pub fingerprint: String,
+    /// The same settings, for errors.
+    pub settings: SettingValues,
     pub size: [u32; 2],
     pub samples: u32,
     pub aovs: Vec<String>,
@@ -217,6 +220,7 @@ impl Piece {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             device: format!("{} ({})", device.name, device.driver),
             fingerprint: renderer.scene.fingerprint(&(&renderer.camera, &uncut)),
+            settings: uncut.values(),
             size: [image.width, image.height],
             samples: image.spp,
             aovs: image.aovs.iter().map(|aov| aov.name().to_owned()).collect(),

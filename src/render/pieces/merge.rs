@@ -15,6 +15,7 @@ use crate::render::film::{Channel, Image, Metadata};
 use crate::render::host_memory::{channels, denoisers, refuse_without_room};
 use crate::render::noisy::add_denoised;
 use crate::render::picture::{Picture, Quantity, Sums};
+use crate::settings::values::difference;
 use crate::settings::{Background, Crop};
 use crate::{Error, Result};
 
@@ -40,16 +41,17 @@ impl Pieces {
             return Err(Error::Usage("no pieces are given".into()));
         };
         for (path, Description { whole: other, .. }) in &files {
-            let of = |what: &str| {
-                Err(Error::input(path, "file", format!("the piece is of {what} than {}", first.display())))
+            if *other == whole {
+                continue;
+            }
+            let what = if other.device != whole.device {
+                format!("another device, {},", other.device)
+            } else if let Some(difference) = difference(&other.settings, &whole.settings) {
+                format!("other settings ({difference})")
+            } else {
+                "another scene or camera".to_owned()
             };
-            if other.device != whole.device {
-                let device = format!("another device, {},", other.device);
-                return of(&device);
-            }
-            if *other != whole {
-                return of("another scene or camera, or of other settings,");
-            }
+            return Err(Error::input(path, "file", format!("the piece is of {what} than {}", first.display())));
         }
         files.sort_by_key(|(_, description)| {
             let (range, crop) = (description.range(), description.crop());
