@@ -259,7 +259,6 @@ impl Scene {
 
 /// The camera of the scene that the keywords `camera` and `direction` select, without a lens.
 fn select(scene: &penumbra::Scene, wanted: Option<&str>, direction: Option<[f32; 2]>, aspect: f32) -> PyResult<Camera> {
-    let cameras = &scene.cameras;
     match (wanted, direction) {
         (Some(_), Some(_)) => Err(error("camera and direction cannot be combined: each of them selects the view")),
         (None, Some([azimuth, elevation])) => match azimuth.is_finite() && elevation.abs() <= 90.0 {
@@ -268,17 +267,9 @@ fn select(scene: &penumbra::Scene, wanted: Option<&str>, direction: Option<[f32;
         },
         (None, None) => {
             let frame = || scene.frame(&Framing { aspect, ..Framing::default() });
-            Ok(cameras.first().cloned().unwrap_or_else(frame))
+            Ok(scene.cameras.first().cloned().unwrap_or_else(frame))
         }
-        (Some(wanted), None) => {
-            let by_name = cameras.iter().find(|camera| camera.name == wanted);
-            let camera = by_name.or_else(|| cameras.get(wanted.parse::<usize>().ok()?));
-            camera.cloned().ok_or_else(|| {
-                let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
-                let names = if names.is_empty() { "none".into() } else { names.join(", ") };
-                error(&format!("no camera is called '{wanted}' or has that index; available: {names}"))
-            })
-        }
+        (Some(wanted), None) => scene.camera(wanted).cloned().map_err(of_library),
     }
 }
 

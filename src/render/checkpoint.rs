@@ -28,8 +28,6 @@ pub(super) struct Header {
     pub version: String,
     /// Fingerprint of scene, camera, settings and version.
     pub fingerprint: String,
-    /// In an error they say why the fingerprint differs.
-    pub settings: SettingValues,
     pub samples: u32,
     /// Stage of indirect light (photons and gather rays); see `settings/stages.rs`.
     pub stage: i32,
@@ -47,6 +45,8 @@ pub(super) struct Header {
     pub added: usize,
     /// Number of photons that audits found since then; perhaps more than were kept.
     pub left: u32,
+    /// In an error they say why the fingerprint differs.
+    pub settings: SettingValues,
 }
 
 /// [`Growth`](super::growth::Growth) without the values of its pixels, which are words of the checkpoint.

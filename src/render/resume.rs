@@ -49,7 +49,6 @@ impl Renderer<'_> {
         let header = Header {
             version: Header::version(),
             fingerprint: String::new(),
-            settings: self.settings.values(),
             samples: self.sampling.samples,
             stage: self.view.stage,
             growth: self
@@ -65,6 +64,7 @@ impl Renderer<'_> {
             totals: self.totals.clone(),
             added: map.added.len(),
             left: map.left,
+            settings: self.settings.values(),
         };
         Ok(Checkpoint { header, words, file: None })
     }

@@ -14,6 +14,7 @@ use super::json::Json;
 use super::keyframes::{Reader, Sampler};
 use super::notes::Notes;
 use super::pointer::Property;
+use super::selection::select;
 use crate::{Error, Result};
 
 /// Name of the extension by which channels animate any property.
@@ -57,10 +58,15 @@ pub(super) fn pose(root: &Json, accessors: &[Accessor], options: &ImportOptions,
             };
             notes.push(format!("{are} not played: without `time` the scene has the pose of the file"));
         }
-        let end = find(&animations, options).map(Animation::end).transpose()?;
+        let found = find(&animations, options).ok().flatten();
+        let end = found.map(Animation::end).transpose()?;
         return Ok(Posed { document: None, end });
     };
-    let animation = select(&animations, options)?;
+    if !seconds.is_finite() {
+        return Err(Error::setting("time", "must be finite"));
+    }
+    let no_animation = || Error::setting("time", "has no meaning: the scene has no animation");
+    let animation = find(&animations, options)?.ok_or_else(no_animation)?;
     let end = animation.end()?;
     let seconds = if options.repeat && end > 0.0 { seconds.rem_euclid(end) } else { seconds };
     let mut document = root.value().clone();
@@ -88,28 +94,17 @@ impl Animation<'_, '_> {
     }
 }
 
-/// The animation of the options.
-fn find<'s, 'r, 'a>(animations: &'s [Animation<'r, 'a>], options: &ImportOptions) -> Option<&'s Animation<'r, 'a>> {
-    let Some(wanted) = &options.animation else { return animations.first() };
-    let by_name = animations.iter().find(|animation| animation.name.as_ref() == Some(wanted));
-    by_name.or_else(|| animations.get(wanted.parse::<usize>().ok()?))
-}
-
-fn select<'s, 'r, 'a>(animations: &'s [Animation<'r, 'a>], options: &ImportOptions) -> Result<&'s Animation<'r, 'a>> {
-    if !options.time.is_some_and(f64::is_finite) {
-        return Err(Error::setting("time", "must be finite"));
-    }
-    find(animations, options).ok_or_else(|| {
-        let name = |(i, animation): (usize, &Animation)| animation.name.clone().unwrap_or_else(|| i.to_string());
-        let names: Vec<String> = animations.iter().enumerate().map(name).collect();
-        match &options.animation {
-            Some(wanted) if !names.is_empty() => {
-                let names = names.join(", ");
-                Error::Usage(format!("no animation is called '{wanted}' or has that index; available: {names}"))
-            }
-            _ => Error::setting("time", "has no meaning: the scene has no animation"),
+/// The animation of the options, or the first one; `None` if there is no animation.
+fn find<'s, 'r, 'a>(
+    animations: &'s [Animation<'r, 'a>],
+    options: &ImportOptions,
+) -> Result<Option<&'s Animation<'r, 'a>>> {
+    match &options.animation {
+        Some(wanted) if !animations.is_empty() => {
+            select("animation", wanted, animations, |animation| animation.name.as_deref()).map(Some)
         }
-    })
+        _ => Ok(animations.first()),
+    }
 }
 
 fn read<'r, 'a>(root: &Json<'a>, accessors: &'r [Accessor<'a>]) -> Result<Vec<Animation<'r, 'a>>> {

@@ -44,6 +44,7 @@ mod panorama;
 mod pointer;
 mod procedural;
 pub(crate) mod repeats;
+mod selection;
 mod skin;
 mod texture;
 mod triangle;

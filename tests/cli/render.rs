@@ -324,8 +324,13 @@ fn checkpoints_of_something_else_are_refused() {
         run(&arguments, &[&image, &BOX])
     };
     resume("--spp 2").assert_done();
-    for other in ["--spp 2 --seed 1", "--spp 4", "--spp 2 --max-bounces 0", "--spp 2 --light-scale 2"] {
-        resume(other).assert_refused(3, &["state", "--seed"]);
+    for (other, difference) in [
+        ("--spp 2 --seed 1", "other settings: seed is 0, not 1"),
+        ("--spp 4", "spp is 2, not 4"),
+        ("--spp 2 --max-bounces 0", "max_bounces is 64, not 0"),
+        ("--spp 2 --light-scale 2", "light_scale is 1.0, not 2.0"),
+    ] {
+        resume(other).assert_refused(3, &["state", difference]);
     }
     let arguments = format!("render --device {} {SMALL} --spp 2 --quiet {checkpoint} --resume -o", device());
     run(&arguments, &[&image, &STILL_LIFE]).assert_refused(3, &["state", "another scene"]);

@@ -363,7 +363,6 @@ impl SceneOptions {
     }
 
     fn select_camera(&self, scene: &Scene, aspect: f32) -> Result<Camera> {
-        let cameras = &scene.cameras;
         if let (Some(from), Some(at)) = (self.look_from, self.look_at) {
             let fov = || self.fov.map_or(Extent::default(), Extent::FieldOfView);
             let extent = self.orthographic.map_or_else(fov, Extent::Height);
@@ -374,15 +373,9 @@ impl SceneOptions {
         if self.from.is_some() {
             return Ok(framed());
         }
-        let Some(wanted) = &self.camera else {
-            return Ok(cameras.first().cloned().unwrap_or_else(framed));
-        };
-        let by_name = cameras.iter().find(|camera| camera.name == *wanted);
-        let camera = by_name.or_else(|| cameras.get(wanted.parse::<usize>().ok()?));
-        camera.cloned().ok_or_else(|| {
-            let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
-            let names = if names.is_empty() { "none".into() } else { names.join(", ") };
-            Error::Usage(format!("no camera is called '{wanted}' or has that index; available: {names}"))
-        })
+        match &self.camera {
+            Some(wanted) => scene.camera(wanted).cloned(),
+            None => Ok(scene.cameras.first().cloned().unwrap_or_else(framed)),
+        }
     }
 }
