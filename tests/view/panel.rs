@@ -216,6 +216,22 @@ fn a_light_that_is_gone_is_not_selected() {
     assert_eq!(choices.display.light, 0);
 }
 
+/// With a noise to reach, the panel offers only techniques whose error can be estimated.
+#[test]
+fn techniques_that_settings_exclude_are_not_offered() {
+    let offered = |noise: Option<f64>| {
+        let mut snapshot = snapshot();
+        snapshot.picture.choices.settings.image.noise = noise;
+        let mut window = Window::new(snapshot);
+        let list = window.find("technique");
+        window.click(list);
+        let texts = window.texts();
+        ["path", "light-buffer", "voxel-tags", "photon-map"].map(|name| texts.iter().any(|text| text == name))
+    };
+    assert_eq!(offered(None), [true; 4]);
+    assert_eq!(offered(Some(0.01)), [true, true, false, false]);
+}
+
 /// Lens and environment are at first those of the command line.
 #[test]
 fn sliders_begin_with_the_command_line() {
