@@ -58,6 +58,7 @@ pub(super) fn pose(root: &Json, accessors: &[Accessor], options: &ImportOptions,
             };
             notes.push(format!("{are} not played: without `time` the scene has the pose of the file"));
         }
+        // Which animation is wanted matters only where one is played.
         let found = find(&animations, options).ok().flatten();
         let end = found.map(Animation::end).transpose()?;
         return Ok(Posed { document: None, end });

@@ -242,5 +242,5 @@ fn a_resumed_render_is_denoised_to_the_same_bits() {
         None,
         &[&state.with_extension("exr")],
     );
-    answer.assert_refused(3, &["state", "denoise is "]);
+    answer.assert_refused(3, &["state", "other settings: denoise is auto, not none"]);
 }
