@@ -79,6 +79,39 @@ fn is_near(found: f64, expected: f64) -> bool {
     found < 1.2 * expected && found > expected / 1.2
 }
 
+/// Halves that avoid each other do not make a biased filter look better than it is. The weight that is best for all
+/// samples follows from the variances, which are known.
+#[test]
+fn halves_that_avoid_each_other_do_not_flatter_filters() {
+    const CORRELATION: f64 = -0.25;
+    let (variance, bias) = (NOISE * NOISE, (0.5_f64).sqrt() * NOISE);
+    let mut random = Random(16);
+    let (mut a, mut b) = (Vec::new(), Vec::new());
+    for _ in 0..pixels(SIZE) {
+        let pairs = [0; 3].map(|_| {
+            let [own, other] = [0; 2].map(|_| random.normal());
+            [own, CORRELATION * own + (1.0 - CORRELATION * CORRELATION).sqrt() * other]
+        });
+        let half = |k: usize| pairs.map(|pair| (f64::from(TRUTH) + NOISE * pair[k]) as f32);
+        a.push(half(0));
+        b.push(half(1));
+    }
+    let own = Versions { all: mean(&a, &b), halves: [a, b] };
+    let biased = Versions::of([(f64::from(TRUTH) + bias) as f32; 3], pixels(SIZE));
+    let of_all = variance / 2.0 * (1.0 + CORRELATION);
+    let best = of_all * bias * bias / (of_all + bias * bias);
+    let with_ratio = |ratio: f32| {
+        let ratios = vec![ratio; pixels(SIZE)];
+        let raw = Raw { half_samples: [2, 2], ratios: &ratios, ..raw(&own, SIZE) };
+        error(&mix(&raw, &[biased.filtered()]).colour) / best
+    };
+    // Among stratified samples with half of the noise of independent ones, halves have about this correlation.
+    let found = with_ratio(0.5);
+    assert!(found < 1.05, "{found} times the least error");
+    let planted = with_ratio(1.0);
+    assert!(planted > 1.25, "halves taken for independent: {planted} times the least error");
+}
+
 #[test]
 fn a_denoiser_that_knows_the_truth_is_taken() {
     let own = Versions::noisy(0.0, NOISE, 1);

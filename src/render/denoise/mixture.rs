@@ -32,6 +32,12 @@ const ODDS_OF_ALL: f64 = 0.5;
 /// (`Raw::ratios`) is smaller.
 const ANTICORRELATION: f64 = 0.35;
 
+/// The part of a filter's apparent gain that is not real, at 4 samples that are stratified perfectly: the other half is
+/// anticorrelated with the noise that a filter takes away, so it seems that more was taken. With smaller values filters
+/// spoil small objects, with larger ones the mixture keeps noise that filters take away (docs/experiments.md, "Weights
+/// of halves that avoid each other").
+const FLATTERY: f64 = 0.5;
+
 /// The raw image.
 pub struct Raw<'a> {
     /// Width and height in pixels.
@@ -189,7 +195,8 @@ impl Regions {
 struct Equations {
     /// Products of two filtered images' differences from the raw image.
     squares: Vec<Vec<Vec<f64>>>,
-    /// Products of a filtered image's difference and the other half's difference from the raw half.
+    /// Products of a filtered image's difference and the other half's difference from the raw half, less what they have
+    /// because the halves avoid each other.
     right: Vec<Vec<f64>>,
 }
 
@@ -198,8 +205,14 @@ impl Equations {
         let over_halves = |of: &dyn Fn(usize) -> Vec<f64>| -> Vec<f64> {
             of(0).into_iter().zip(of(1)).map(|(first, second)| first + second).collect()
         };
-        let right = |k: &FilteredImages<'_>| {
-            over_halves(&|half| regions.products(k.difference(raw, half), [raw.halves[1 - half], raw.halves[half]]))
+        // Among many samples, halves of them avoid each other less.
+        let flattery = FLATTERY * (4.0 / f64::from(raw.half_samples.iter().sum::<u32>())).min(1.0);
+        let right = |k: &FilteredImages<'_>| -> Vec<f64> {
+            let apparent = over_halves(&|half| {
+                regions.products(k.difference(raw, half), [raw.halves[1 - half], raw.halves[half]])
+            });
+            let real = |(product, ratio): (f64, &f32)| product * (1.0 - flattery * (1.0 - f64::from(*ratio)));
+            apparent.into_iter().zip(raw.ratios).map(real).collect()
         };
         let square = |k: &FilteredImages<'_>, l: &FilteredImages<'_>| {
             over_halves(&|half| regions.products(k.difference(raw, half), l.difference(raw, half)))
