@@ -39,6 +39,20 @@ impl Versions {
         Versions { all: mean(&a, &b), halves: [a, b] }
     }
 
+    /// The true image with two kinds of noise in its halves: opposite noise of standard deviation `NOISE`, and noise
+    /// that is the same in both, with `shared` times the variance.
+    fn avoiding(shared: f32, seed: u64) -> Versions {
+        let [both, opposite] = [seed, seed + 1].map(|seed| Versions::noisy(0.0, NOISE, seed).halves);
+        let half = |sign: f32| -> Vec<Colour> {
+            let pixel = |(x, y): (&Colour, &Colour)| {
+                [0, 1, 2].map(|c| TRUTH + shared.sqrt() * (x[c] - TRUTH) + sign * (y[c] - TRUTH))
+            };
+            both[0].iter().zip(&opposite[0]).map(pixel).collect()
+        };
+        let [a, b] = [half(1.0), half(-1.0)];
+        Versions { all: mean(&a, &b), halves: [a, b] }
+    }
+
     fn filtered(&self) -> FilteredImages<'_> {
         FilteredImages { all: &self.all, halves: self.halves.each_ref().map(Vec::as_slice) }
     }
@@ -83,20 +97,11 @@ fn is_near(found: f64, expected: f64) -> bool {
 /// samples follows from the variances, which are known.
 #[test]
 fn halves_that_avoid_each_other_do_not_flatter_filters() {
+    // The correlation of the halves' noise is (0.6 - 1) / (0.6 + 1).
     const CORRELATION: f64 = -0.25;
-    let (variance, bias) = (NOISE * NOISE, (0.5_f64).sqrt() * NOISE);
-    let mut random = Random(16);
-    let (mut a, mut b) = (Vec::new(), Vec::new());
-    for _ in 0..pixels(SIZE) {
-        let pairs = [0; 3].map(|_| {
-            let [own, other] = [0; 2].map(|_| random.normal());
-            [own, CORRELATION * own + (1.0 - CORRELATION * CORRELATION).sqrt() * other]
-        });
-        let half = |k: usize| pairs.map(|pair| (f64::from(TRUTH) + NOISE * pair[k]) as f32);
-        a.push(half(0));
-        b.push(half(1));
-    }
-    let own = Versions { all: mean(&a, &b), halves: [a, b] };
+    let own = Versions::avoiding(0.6, 16);
+    let variance = 1.6 * NOISE * NOISE;
+    let bias = (variance / 2.0).sqrt();
     let biased = Versions::of([(f64::from(TRUTH) + bias) as f32; 3], pixels(SIZE));
     let of_all = variance / 2.0 * (1.0 + CORRELATION);
     let best = of_all * bias * bias / (of_all + bias * bias);
@@ -219,18 +224,8 @@ fn the_error_stays_where_the_noise_is() {
 /// Noise of stratified halves that avoid each other is less in their mean than in their difference.
 #[test]
 fn the_error_of_stratified_samples_is_not_that_of_independent_ones() {
-    // What both halves have, and what one has more and the other less. At a ratio of 0.1, 16 samples have
-    // 1 - 2 * 0.35 * 0.9 / sqrt(2) = 0.55 of the variance of the second.
-    let (shared, opposite) = (Versions::noisy(0.0, NOISE, 12), Versions::noisy(0.0, NOISE, 13));
-    let half = |sign: f32| -> Vec<Colour> {
-        let both = shared.halves[0].iter().zip(&opposite.halves[0]);
-        let pixel = |(x, y): (&Colour, &Colour)| {
-            [0, 1, 2].map(|c| TRUTH + 0.55f32.sqrt() * (x[c] - TRUTH) + sign * (y[c] - TRUTH))
-        };
-        both.map(pixel).collect()
-    };
-    let [a, b] = [half(1.0), half(-1.0)];
-    let own = Versions { all: mean(&a, &b), halves: [a, b] };
+    // At a ratio of 0.1, 16 samples have 1 - 2 * 0.35 * 0.9 / sqrt(2) = 0.55 of the variance of what differs.
+    let own = Versions::avoiding(0.55, 12);
     let stratified = Raw { ratios: &[0.1; pixels(SIZE)], ..raw(&own, SIZE) };
     let kept = alone(&stratified, &own.filtered());
     assert!(is_near(estimate(&kept), error(&own.all)), "{} for {}", estimate(&kept), error(&own.all));
