@@ -62,7 +62,7 @@ var<immediate> ward_pass: WardParameters;
 // A key holds the upper bits of the potential, and below them the light. Positive floats sort as their bits do. A
 // potential loses less than a thousandth, which does not matter.
 const LIGHT_MASK = MAX_LIGHTS - 1u;
-// Maximum number of light points that a potential is estimated from: as many as direct light samples by
+// Number of light points that a potential is estimated from, if it is not 0: as many as direct light samples by
 // default.
 const POTENTIAL_SAMPLES = 4u;
 // Counts are halved above this, so that they never overflow a word.
@@ -97,11 +97,16 @@ fn unshadowed(shading: ShadingPoint, light: u32, j: u32) -> f32 {
     return max(luminance(reflected), 0.0) / sampled.pdf;
 }
 
-// Unshadowed luminance of a light, estimated from a few light points.
+// Unshadowed luminance of a light, estimated from a few light points. Lights of potential 0 are not tested, so it is 0
+// only if no light point brings anything.
 fn potential(shading: ShadingPoint, light: u32) -> f32 {
-    let count = min(max_light_points(light, ward_pass.light_samples), POTENTIAL_SAMPLES);
+    let all = max_light_points(light, ward_pass.light_samples);
     var sum = 0.0;
-    for (var j = 0u; j < count; j++) { sum += max(unshadowed(shading, light, j), 0.0); }
+    var count = 0u;
+    while count < all && (count < POTENTIAL_SAMPLES || sum == 0.0) {
+        sum += max(unshadowed(shading, light, count), 0.0);
+        count++;
+    }
     return sum / f32(count);
 }
 

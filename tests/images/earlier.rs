@@ -52,6 +52,13 @@ fn wards_error_is_within_its_tolerance() {
     // The same samples are summed in different groups.
     assert!(off(&none, &all) < 1e-5, "tolerance 0: {} off", off(&none, &all));
     assert_eq!(none.1.rays.shadow, all.1.rays.shadow);
+    // A light of which a point sees a small part: the first of its many light points bring nothing there.
+    let many = |technique| {
+        let settings = settings(technique, [64, 48], 2).with(|s| (s.ward.tolerance, s.shadow_rays.samples) = (0.0, 32));
+        render_scene(scene.clone(), &view, &settings)
+    };
+    let off_many = off(&many(Technique::WARD_ADAPTIVE), &many(Technique::TWO_PASS));
+    assert!(off_many < 1e-5, "tolerance 0 with 32 light points: {off_many} off");
 
     scene.lights.remove(0);
     scene.triangles.iter_mut().for_each(|triangle| triangle.light = penumbra::internal::scene::NO_LIGHT);
