@@ -161,7 +161,8 @@ fn gather(
     let hit = trace_closest_together(ray, RaySample(~gathering.seed, gathering.number), lane);
     if !is_active { return; }
     var radiance = vec4f(0.0, 0.0, 0.0, NO_DISTANCE);
-    if hit.triangle != NO_HIT {
+    // A traversal that gave up may have missed what is nearest: the ray counts as dark.
+    if hit.triangle != NO_HIT && !traversal_overrun {
         radiance.w = hit.t;
         @if(dispersion) { begin_wavelengths(gathering.seed, hash1(gathering.number), vec3f(1.0)); }
         let found = surface_at(hit, gathering.ray);

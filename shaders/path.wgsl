@@ -103,7 +103,7 @@ fn path(
                 if traversal_overrun { found = PathRadiance(vec3f(invalid_sample(i)), vec3f(invalid_sample(i))); }
                 let so_far = radiance_direct[i];
                 radiance_direct[i] = vec4f(so_far.xyz + found.direct / f32(parameters.paths_per_point), so_far.w);
-            } else if !finite {
+            } else if !finite || traversal_overrun {
                 // A single ray would make its record invalid, and with it all points that interpolate from the record.
                 found.indirect = vec3f(0.0);
             }

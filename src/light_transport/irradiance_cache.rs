@@ -248,7 +248,7 @@ impl Records {
                 gather = Some(bound);
             }
             let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT)?;
-            totals.add(&counters, 0);
+            totals.add_gathered(&counters);
             totals.gather_rays += u64::from(pixel_count);
         }
         Ok(self.heads.len() > before)
@@ -290,7 +290,7 @@ impl Records {
         totals.gather_rays += u64::from(all.end) * u64::from(wave.rays);
         self.heads = bound.gather(gpu, all, with.gather_settings())?;
         let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT)?;
-        totals.add(&counters, 0);
+        totals.add_gathered(&counters);
         self.rays += wave.rays;
         Ok(())
     }

@@ -49,7 +49,8 @@ pub(crate) fn count_visibility_photons(scene: &Scene, traced: &Traced, totals: &
 /// Counts the rays of traced flux photons, and the photons that were lost.
 pub(crate) fn count_flux_photons(traced: &FluxPhotons, totals: &mut Totals) {
     totals.photon_rays += traced.rays;
-    totals.count(Counter::Overrun, traced.overruns);
+    totals.flux_emitted += u64::from(traced.emitted);
+    totals.flux_overruns += traced.overruns;
     totals.count(Counter::NotFiniteFlux, traced.not_finite);
 }
 

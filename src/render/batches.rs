@@ -49,7 +49,8 @@ impl Renderer<'_> {
     /// that need more samples get any, possibly none.
     ///
     /// # Errors
-    /// [`crate::Error::Computation`] if more than a thousandth of the rays exceeded the loop budget, and those of
+    /// [`crate::Error::Computation`] if more than a thousandth of the samples, of the gather rays or of the photons of
+    /// indirect light exceeded the loop budget, and those of
     /// [`kernel_kit::Gpu::check`].
     pub fn render_batch(&mut self) -> Result<Progress> {
         self.render_up_to(u32::MAX)

@@ -45,7 +45,7 @@ pub(super) fn conditioning(totals: &Totals) -> Conditioning {
         unknown: totals.mapped_unknown,
         min_radius_records: totals.min_radius_records,
         heavy_paths: number(Counter::HeavyPaths),
-        overruns: number(Counter::Overrun) + totals.photon_overruns,
+        overruns: totals.overruns(),
         procedural_overruns: number(Counter::ProceduralOverruns),
         procedural_invalid: number(Counter::ProceduralInvalid),
         mean_bounces: totals.mean_bounces().round() as u64,

@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 use crate::statistics::{Audits, Counter, Indirect, LightPhotons, Points, Rays, Stratum};
 use crate::{Error, Result};
 
-/// Maximum share of samples that may exceed the loop budget. The image is then the mean of the others. A thousandth
-/// does not show, and a scene full of overlapping layers is far above it.
+/// Maximum share of samples that may exceed the loop budget, and of the gather rays and the photons of indirect light.
+/// The image is then made of the others. A thousandth does not show, and a scene full of overlapping layers is far
+/// above it.
 const MAX_OVERRUNS: f64 = 1e-3;
 
 /// Points that are lit or shadowed by class.
@@ -77,6 +78,11 @@ pub(crate) struct Totals {
     /// Rays of visibility photons that exceeded the loop budget and stored nothing. Points without photons trace shadow
     /// rays, so the image is right.
     pub photon_overruns: u64,
+    /// Photons of indirect light that were emitted, and those that exceeded the loop budget and are lost from there on.
+    pub flux_emitted: u64,
+    pub flux_overruns: u64,
+    /// Gather rays that exceeded the loop budget, which count as dark.
+    gather_overruns: u64,
     pub devices_lost: u64,
     pub bvh_depth: u32,
     pub time_bvh: f64,
@@ -117,6 +123,19 @@ impl Totals {
         self.camera_rays += points;
     }
 
+    /// Adds what the kernels counted for gather rays, and for rays that find places of records: they are no samples.
+    pub fn add_gathered(&mut self, counters: &[u32]) {
+        let samples = self.get(Counter::Overrun);
+        self.add(counters, 0);
+        self.gather_overruns += self.get(Counter::Overrun) - samples;
+        self.counters[Counter::Overrun as usize] = samples;
+    }
+
+    /// Invocations of all kernels that exceeded the loop budget.
+    pub fn overruns(&self) -> u64 {
+        self.get(Counter::Overrun) + self.photon_overruns + self.flux_overruns + self.gather_overruns
+    }
+
     /// These totals, with the time added that a resumed render took to restore them.
     pub fn after(mut self, resumed: &Totals) -> Totals {
         self.time_bvh += resumed.time_bvh;
@@ -147,16 +166,19 @@ impl Totals {
     /// # Errors
     /// [`Error::Computation`] if too many rays exceeded the loop budget, so that the image would be wrong.
     pub fn check(&self) -> Result<()> {
-        let overruns = self.get(Counter::Overrun);
-        // The share is of samples, not of rays: a path is lost as a whole, and may have had thousands of rays.
-        let samples = self.camera_rays;
-        if overruns as f64 <= MAX_OVERRUNS * samples as f64 {
-            return Ok(());
-        }
+        // The share is of samples, not of rays: a path is lost as a whole, and may have had thousands of rays. So is a
+        // photon.
+        let shares = [
+            (self.get(Counter::Overrun), self.camera_rays, "samples"),
+            (self.gather_overruns, self.gather_rays, "gather rays"),
+            (self.flux_overruns, self.flux_emitted, "photons of indirect light"),
+        ];
+        let is_large = |(overruns, all, _): &(u64, u64, &str)| *overruns as f64 > MAX_OVERRUNS * *all as f64;
+        let Some((overruns, all, what)) = shares.into_iter().find(is_large) else { return Ok(()) };
         Err(Error::Computation {
             kernel: "bvh".to_owned(),
             problem: format!(
-                "{overruns} of {samples} samples met more geometry than the device's loop budget of 65,535 iterations \
+                "{overruns} of {all} {what} met more geometry than the device's loop budget of 65,535 iterations \
                  allows; the image would be wrong. Remove overlapping layers, reduce `indirect.max_bounces`, or \
                  choose another device"
             ),
