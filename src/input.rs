@@ -9,11 +9,17 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
-/// Maximum size of a file. A larger scene does not fit in memory, and the .glb format itself ends at 4 GiB.
+/// Maximum size of a file of a scene. A larger scene does not fit in memory, and the .glb format itself ends at 4 GiB.
 pub(crate) const MAX_FILE_BYTES: u64 = 1 << 32;
 
-/// The bytes of a regular file. Pipes and devices are refused because they could block or never end.
+/// The bytes of a file of a scene; see [`read_up_to`].
 pub(crate) fn read_file(path: &Path) -> std::result::Result<Vec<u8>, String> {
+    read_up_to(path, MAX_FILE_BYTES)
+}
+
+/// The bytes of a regular file of at most `max_bytes`. Pipes and devices are refused because they could block or never
+/// end.
+pub(crate) fn read_up_to(path: &Path, max_bytes: u64) -> std::result::Result<Vec<u8>, String> {
     let metadata = fs::metadata(path).map_err(|e| e.to_string())?;
     if metadata.is_dir() {
         return Err("it is a folder".into());
@@ -21,11 +27,15 @@ pub(crate) fn read_file(path: &Path) -> std::result::Result<Vec<u8>, String> {
     if !metadata.is_file() {
         return Err("it is not a regular file".into());
     }
-    if metadata.len() > MAX_FILE_BYTES {
-        return Err(format!("it has {} bytes, and the maximum is {MAX_FILE_BYTES}", metadata.len()));
+    if metadata.len() > max_bytes {
+        return Err(format!("it has {} bytes, and the maximum is {max_bytes}", metadata.len()));
     }
-    let mut bytes = Vec::with_capacity(metadata.len() as usize);
-    File::open(path).and_then(|file| file.take(MAX_FILE_BYTES).read_to_end(&mut bytes)).map_err(|e| e.to_string())?;
+    let mut bytes = Vec::new();
+    let reserved = usize::try_from(metadata.len()).ok().and_then(|length| bytes.try_reserve_exact(length).ok());
+    if reserved.is_none() {
+        return Err(format!("its {} bytes do not fit in memory", metadata.len()));
+    }
+    File::open(path).and_then(|file| file.take(max_bytes).read_to_end(&mut bytes)).map_err(|e| e.to_string())?;
     Ok(bytes)
 }
 
@@ -119,4 +129,20 @@ fn webp_densest(bytes: &[u8], size: [u32; 2]) -> std::result::Result<u64, String
 fn png_texel_bits(bytes: &[u8]) -> std::result::Result<u64, String> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     Ok(decoder.read_header_info().map_err(|e| e.to_string())?.bits_per_pixel() as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Checkpoints of large images exceed 4 GiB, which is the limit of scenes: each caller has its own.
+    #[test]
+    fn files_are_read_up_to_the_callers_limit() -> std::io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("file");
+        fs::write(&path, [7; 100])?;
+        assert_eq!(read_up_to(&path, 100), Ok(vec![7; 100]));
+        assert_eq!(read_up_to(&path, 99), Err("it has 100 bytes, and the maximum is 99".to_owned()));
+        Ok(())
+    }
 }

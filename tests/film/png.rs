@@ -1,6 +1,8 @@
 //! PNG files, read back with a different crate.
 
-use penumbra::internal::render::film::{Image, View};
+use std::fs;
+
+use penumbra::internal::render::film::{Image, View, fingerprint};
 
 fn image(channels: &[(&str, &[f32])]) -> Image {
     let mut image = Image::new(2, 2);
@@ -111,4 +113,23 @@ fn files_that_are_not_images_are_errors() {
     for name in ["missing.png", "."] {
         assert_eq!(Image::read(folder.path().join(name)).unwrap_err().exit_code(), 3);
     }
+}
+
+/// A sequence recognises its own frames of any size by their fingerprint, and only complete ones.
+#[test]
+fn large_frames_are_recognised() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frame.png");
+    let [width, height] = [8192, 4320];
+    let mut encoder = png::Encoder::new(fs::File::create(&path).unwrap(), width, height);
+    encoder.set_depth(png::BitDepth::One);
+    encoder.add_text_chunk("penumbra:fingerprint".into(), "f00".into()).unwrap();
+    let mut writer = encoder.write_header().unwrap();
+    writer.write_image_data(&vec![0x5a; (width / 8 * height) as usize]).unwrap();
+    writer.finish().unwrap();
+    assert_eq!(fingerprint(&path).as_deref(), Some("f00"));
+    let mut bytes = fs::read(&path).unwrap();
+    bytes.truncate(bytes.len() - 20);
+    fs::write(&path, bytes).unwrap();
+    assert_eq!(fingerprint(&path), None);
 }

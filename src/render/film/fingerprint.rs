@@ -18,11 +18,19 @@ impl Image {
 pub fn fingerprint(path: impl AsRef<Path>) -> Option<String> {
     let path = path.as_ref();
     let bytes = read_file(path).ok()?;
-    let image = Image::from_bytes(&bytes, path).ok()?;
-    if let Some(Metadata::Text(fingerprint)) = image.metadata.get(FINGERPRINT) {
-        return Some(fingerprint.clone());
+    if let Ok(reader) = png::Decoder::new(Cursor::new(&bytes)).read_info() {
+        return of_png(reader);
     }
-    let reader = png::Decoder::new(Cursor::new(&bytes)).read_info().ok()?;
+    match Image::from_bytes(&bytes, path).ok()?.metadata.get(FINGERPRINT) {
+        Some(Metadata::Text(fingerprint)) => Some(fingerprint.clone()),
+        _ => None,
+    }
+}
+
+/// Reads all rows, which shows whether the file is complete, and keeps none: a large frame would take gigabytes.
+fn of_png(mut reader: png::Reader<Cursor<&Vec<u8>>>) -> Option<String> {
+    while reader.next_row().ok()?.is_some() {}
+    reader.finish().ok()?;
     let texts = &reader.info().uncompressed_latin1_text;
     texts.iter().find(|text| text.keyword == FINGERPRINT).map(|text| text.text.clone())
 }

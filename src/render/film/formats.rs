@@ -96,7 +96,11 @@ fn decoder(path: &Path) -> Result<Decoder> {
     }
 }
 
-/// The bytes of a regular file.
+/// Maximum size in bytes of a file that Penumbra writes: 4 KiB for each of 2^28 pixels, the largest image. A checkpoint
+/// of a denoised image has 352 bytes for a pixel, a piece up to 200 for each level of its tree of samples.
+const MAX_BYTES: u64 = 1 << 40;
+
+/// The bytes of a regular file: of an image, a piece or a checkpoint.
 pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>> {
-    crate::input::read_file(path).map_err(|problem| Error::input(path, "file", problem))
+    crate::input::read_up_to(path, MAX_BYTES).map_err(|problem| Error::input(path, "file", problem))
 }

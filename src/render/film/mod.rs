@@ -22,4 +22,5 @@ pub use formats::check_writable;
 pub(crate) use formats::read_file;
 pub use image::{Channel, Image, Metadata, Window};
 pub use names::{check_names, is_same_file};
+pub use png::{encode_colours, write_colours};
 pub use tone_map::View;

@@ -9,11 +9,14 @@ use super::image::{FINGERPRINT, Image, Metadata};
 use super::tone_map::View;
 use crate::input::Picture;
 use crate::scene::linear_from_srgb;
-use crate::{Error, Result};
+use crate::settings::Settings;
+use crate::{Error, Result, memory};
 
-/// Maximum number of pixels: 8,192 x 4,096, an environment map of the largest common size. Each takes 16 bytes while it
-/// is decoded, and as many in the image.
-const MAX_PIXELS: u64 = 1 << 25;
+/// Maximum number of pixels: those of the largest image that Penumbra renders, and of the largest panorama.
+const MAX_PIXELS: u64 = Settings::MAX_SIDE as u64 * Settings::MAX_SIDE as u64;
+
+/// Bytes of a pixel while it is decoded: up to 16 as the file has it, 16 as RGBA, and 16 in the image.
+const PIXEL_BYTES: u64 = 3 * 16;
 
 impl Image {
     /// Writes the colour as an 8-bit PNG, scaled by 2^`exposure_ev` and tone-mapped by `view`: over black, without
@@ -90,14 +93,43 @@ impl Image {
     }
 }
 
+/// Writes 8-bit RGB, row by row from the top, as a PNG.
+///
+/// # Errors
+/// [`Error::Output`] if the file cannot be written. The old file is then unchanged.
+pub fn write_colours(path: &Path, size: [u32; 2], colours: &[u8]) -> Result<()> {
+    write_atomically(path, |file| Ok(encode_colours(file, size, colours)?))
+}
+
+/// [`write_colours`] to any writer.
+///
+/// # Errors
+/// Those of the writer.
+pub fn encode_colours(
+    to: impl std::io::Write,
+    [width, height]: [u32; 2],
+    colours: &[u8],
+) -> std::result::Result<(), png::EncodingError> {
+    let mut encoder = png::Encoder::new(to, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(colours)?;
+    writer.finish()
+}
+
 /// Decodes a PNG or Radiance file to the channels `R`, `G`, `B` and, if it has alpha, `A`. sRGB values become
 /// scene-linear.
 pub(super) fn decode(bytes: &[u8], path: &Path, format: image::ImageFormat) -> Result<Image> {
     let input = |problem: String| Error::input(path, "file", problem);
     let picture = Picture::open(bytes, format).map_err(input)?;
     let [width, height] = picture.size;
-    if u64::from(width) * u64::from(height) > MAX_PIXELS {
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels > MAX_PIXELS {
         return Err(input(format!("{width} x {height} pixels: the maximum is {MAX_PIXELS} pixels")));
+    }
+    // A small file can have many pixels of one colour.
+    if memory::available_with_swap().is_some_and(|available| pixels * PIXEL_BYTES > available) {
+        return Err(input(format!("{width} x {height} pixels do not fit in memory")));
     }
     let decoded = picture.decode().map_err(input)?;
     let coded = format == image::ImageFormat::Png;
