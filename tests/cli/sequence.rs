@@ -92,6 +92,26 @@ fn turntables_show_all_sides() {
     assert!((0..2).all(|i| again.stderr.contains(&format!("view {i} is complete"))), "{}", again.stderr);
 }
 
+/// The statistics of a frame have its own notes, such as how many blocks are too noisy, whichever other frames the
+/// process renders.
+#[test]
+fn notes_of_a_frame_are_its_own() {
+    let folder = folder();
+    let [name, statistics] = ["shot.{frame}.png", "shot.{frame}.json"].map(|name| folder.path().join(name));
+    let file = |number: u32| folder.path().join(format!("shot.{number:04}.json"));
+    let notes = |frames: &str| {
+        let noisy = "--denoise none --noise 0.001 --spp 4 --width 64 --height 48 --max-bounces 0 --default-light";
+        let arguments = format!("render --device {} {noisy} --fps 2 --frames {frames}", device());
+        run(&arguments, &[&FACE, &"-o", &name, &"--stats", &statistics]).assert_done();
+        let text = fs::read_to_string(file(1)).unwrap();
+        serde_json::from_str::<Value>(&text).unwrap()["notes"].to_string()
+    };
+    let both = notes("0..1");
+    assert_eq!(both.matches("was not reached everywhere").count(), 1, "{both}");
+    fs::remove_file(file(1)).unwrap();
+    assert_eq!(notes("1..1"), both);
+}
+
 /// The name of a frame does not depend on the other frames.
 #[test]
 fn names_of_frames_are_those_of_other_ranges() {

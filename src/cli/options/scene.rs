@@ -209,10 +209,10 @@ impl SceneOptions {
         SceneOptions { fov: fov.or(self.fov), aperture: f_number, ..self }
     }
 
-    /// A camera of the file, with this field of view or its own.
-    pub fn through_camera(self, camera: String, fov: Option<f64>) -> Self {
+    /// A camera of the file, or its default one, with this field of view or its own.
+    pub fn through_camera(self, camera: Option<String>, fov: Option<f64>) -> Self {
         let (look_from, look_at, look_up, orthographic) = (None, None, None, None);
-        SceneOptions { camera: Some(camera), from: None, look_from, look_at, look_up, fov, orthographic, ..self }
+        SceneOptions { camera, from: None, look_from, look_at, look_up, fov, orthographic, ..self }
     }
 
     /// A placed camera.
@@ -285,11 +285,16 @@ impl SceneOptions {
             self.set_panorama(&mut scene, panorama)?;
         }
         let camera = self.camera(&scene, aspect)?;
+        self.add_notes(&mut scene, &camera);
+        Ok((scene, camera))
+    }
+
+    /// Adds notes on what `camera` shows of the scene.
+    pub fn add_notes(&self, scene: &mut Scene, camera: &Camera) {
         if scene.cameras.is_empty() && self.from.is_none() && self.look_from.is_none() {
             scene.notes.push("the view is that of a camera that frames the scene".into());
         }
-        scene.notes.extend(scene.clipped_away(&camera));
-        Ok((scene, camera))
+        scene.notes.extend(scene.clipped_away(camera));
     }
 
     /// The scene at this time of its animation in seconds, without the panorama.

@@ -54,6 +54,9 @@ impl<'a> Sequence<'a> {
             arguments.scene.set_panorama(&mut scene, panorama)?;
         }
         let camera = self.camera(frame, &scene)?;
+        if self.standing.is_none() {
+            arguments.scene.add_notes(&mut scene, &camera);
+        }
         Ok(Subject { scene, camera, settings: self.settings.clone() })
     }
 
@@ -107,6 +110,7 @@ impl Session<'_> {
         let arguments = self.arguments;
         let sequence = Sequence::new(arguments, &first, panorama)?;
         let mut first = Some(first);
+        let shared_notes = self.notes.current().len();
         for frame in arguments.sequence.frames().into_iter().flatten() {
             if self.interrupt.raised() {
                 self.stopped = true;
@@ -136,6 +140,7 @@ impl Session<'_> {
             if !arguments.quiet {
                 sequence.announce(frame);
             }
+            self.notes.begin_frame(shared_notes);
             self.notes.say(&subject.scene.notes);
             self.fingerprint = Some(fingerprint);
             self.render_subject(gpu, &subject, None)?;

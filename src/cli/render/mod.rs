@@ -36,7 +36,10 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
 
     let mut notes = Notes::new(arguments.quiet);
     notes.say(arguments.note_on_checkpoint(checkpoint.as_ref()).as_slice());
-    notes.say(&subject.scene.notes);
+    // The scene of each frame has notes of its own.
+    if arguments.sequence.first().is_none() {
+        notes.say(&subject.scene.notes);
+    }
     if let Some(problem) = &denoiser_error {
         notes.say(&[format!("{}; the image stays raw", with_flags(&problem.to_string()))]);
     }

@@ -1,5 +1,7 @@
 //! What a render tells: notes, a summary, how the image was denoised and its error.
 
+use std::collections::BTreeSet;
+
 use penumbra::internal::report::estimate;
 use penumbra::{Denoiser, Image, Statistics};
 
@@ -9,25 +11,38 @@ use crate::cli::say;
 /// Notes, each printed once.
 pub struct Notes {
     quiet: bool,
-    pub said: Vec<String>,
+    /// Those of the whole command, then those of the image that is rendered, for its statistics.
+    current: Vec<String>,
+    /// Those that were printed.
+    said: BTreeSet<String>,
 }
 
 impl Notes {
     /// No notes yet.
     pub fn new(quiet: bool) -> Notes {
-        Notes { quiet, said: Vec::new() }
+        Notes { quiet, current: Vec::new(), said: BTreeSet::new() }
     }
 
     /// Prints those that are new.
     pub fn say(&mut self, notes: &[String]) {
         for note in notes {
-            if !self.said.contains(note) {
-                if !self.quiet {
-                    say(format_args!("note: {note}"));
-                }
-                self.said.push(note.clone());
+            if !self.current.contains(note) {
+                self.current.push(note.clone());
+            }
+            if self.said.insert(note.clone()) && !self.quiet {
+                say(format_args!("note: {note}"));
             }
         }
+    }
+
+    /// Another frame begins: of the notes so far, only the first `shared` are also on it.
+    pub fn begin_frame(&mut self, shared: usize) {
+        self.current.truncate(shared);
+    }
+
+    /// Those of the whole command and of this image.
+    pub fn current(&self) -> &[String] {
+        &self.current
     }
 }
 

@@ -247,7 +247,7 @@ impl<'a> Session<'a> {
         if let Some((earlier, ratio)) = self.first_sample_ratio.take() {
             earlier.add(ratio);
         }
-        statistics.notes.clone_from(&self.notes.said);
+        statistics.notes = self.notes.current().to_vec();
         statistics.time.start = self.times.start;
         statistics.time.import = self.times.import;
         statistics.time.total = self.times.started.elapsed().as_secs_f64();
