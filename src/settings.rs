@@ -164,6 +164,11 @@ impl Denoise {
     /// All choices.
     pub const ALL: [Denoise; 4] = [Denoise::Auto, Denoise::None, Denoise::Statistical, Denoise::Oidn];
 
+    /// Whether it uses Open Image Denoise, for [`Denoise::Auto`] where it is found.
+    pub fn uses_oidn(self) -> bool {
+        matches!(self, Denoise::Auto | Denoise::Oidn)
+    }
+
     /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {

@@ -1,6 +1,6 @@
 //! A render, with the interpreter's lock released.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -77,6 +77,7 @@ pub fn run(py: Python<'_>, mut job: Job) -> PyResult<RenderResult> {
             "time cannot be combined with samples: how many samples a pixel gets would depend on chance",
         ));
     }
+    check_library(job.settings.image.denoise, job.oidn_library.as_deref())?;
     let budget = |seconds| match Duration::try_from_secs_f64(seconds) {
         Ok(time) if !time.is_zero() => Ok(time),
         _ => Err(error(&format!("time is {seconds}; it must be a finite number of seconds, more than 0"))),
@@ -121,6 +122,17 @@ pub fn run(py: Python<'_>, mut job: Job) -> PyResult<RenderResult> {
             }
             Err(raised)
         }
+    }
+}
+
+/// Refuses a library of Open Image Denoise that `choice` would not use.
+pub fn check_library(choice: Denoise, library: Option<&Path>) -> PyResult<()> {
+    match library {
+        Some(library) if !choice.uses_oidn() => Err(error(&format!(
+            "oidn_library {} is used only with denoise=\"auto\" or denoise=\"oidn\"",
+            library.display()
+        ))),
+        _ => Ok(()),
     }
 }
 
@@ -189,21 +201,19 @@ fn sample(
     if let Err(stop) = Python::attach(|py| py.check_signals()) {
         return Ok(Some(stop));
     }
-    let mut batch = Instant::now();
     while renderer.wants_samples(denoiser)? {
-        let penumbra::Progress { samples, rays, boundary_share } = renderer.render_batch()?;
-        let took = batch.elapsed();
-        batch = Instant::now();
+        let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()).as_secs_f64());
+        let progress = match left {
+            None => Some(renderer.render_batch()?),
+            Some(left) => renderer.render_within(left)?,
+        };
+        let Some(penumbra::Progress { samples, rays, boundary_share }) = progress else { break };
         let seconds = started.elapsed().as_secs_f64();
         let progress = Progress { samples, spp: goal, rays, boundary_share, seconds };
         match Python::attach(|py| report(py, job.progress.as_ref(), progress)) {
             Ok(true) => {}
             Ok(false) => break,
             Err(stop) => return Ok(Some(stop)),
-        }
-        // Another batch of the same length would end too late.
-        if deadline.is_some_and(|deadline| batch + took > deadline) {
-            break;
         }
     }
     Ok(None)

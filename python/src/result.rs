@@ -11,6 +11,7 @@ use pyo3::types::{PyBytes, PyDict};
 use crate::arrays;
 use crate::device::{Turn, choice, detached, open};
 use crate::error::{error, of_library};
+use crate::render::check_library;
 
 /// The result of a render, or an image that was read from a file.
 #[pyclass(frozen, name = "Result", module = "penumbra")]
@@ -27,8 +28,7 @@ pub struct RenderResult {
 impl RenderResult {
     /// That of a render.
     pub fn new(py: Python<'_>, image: Image, statistics: &Statistics) -> PyResult<RenderResult> {
-        let samples = statistics.samples;
-        Ok(RenderResult { samples, statistics: dict(py, statistics)?.unbind(), ..RenderResult::of_image(py, image) })
+        Ok(RenderResult { statistics: dict(py, statistics)?.unbind(), ..RenderResult::of_image(py, image) })
     }
 
     /// That of a file, of which no statistics are known.
@@ -100,7 +100,7 @@ impl RenderResult {
         self.statistics.clone_ref(py)
     }
 
-    /// Samples per pixel, of the pixels that have the most; 0 for files that do not say.
+    /// Samples per pixel: the mean over the pixels, rounded; 0 for files that do not say.
     #[getter]
     fn samples(&self) -> u32 {
         self.samples
@@ -174,6 +174,7 @@ pub fn merge(
     device: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<RenderResult> {
     let denoise = denoise.map_or(Ok(Denoise::None), str::parse).map_err(|problem| error(&problem))?;
+    check_library(denoise, oidn_library.as_deref())?;
     let device = choice(device)?;
     let merge = || {
         let files = Pieces::open(&pieces)?;

@@ -175,6 +175,13 @@ def test_progress_and_an_early_end(box, device):
     assert 1 <= timed.samples
 
 
+def test_samples_are_the_mean_over_the_pixels_as_in_files(box, device, tmp_path):
+    adaptive = box.render(width=32, height=32, spp=32, sampling="adaptive", max_bounces=0, device=device)
+    adaptive.save(tmp_path / "adaptive.exr")
+    assert penumbra.read(tmp_path / "adaptive.exr").samples == adaptive.samples
+    assert adaptive.samples == round(adaptive.statistics["mean_samples"]) < adaptive.statistics["samples"]
+
+
 def test_scenes_tell_what_they_are(box, scenes):
     assert box.triangles > 0
     assert len(box.lights) == 1
