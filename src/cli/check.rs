@@ -16,7 +16,7 @@ use penumbra::{Error, Image, Result};
 use super::child::{Ended, run_within};
 use super::interrupt::Interrupt;
 use super::render::temporary_folder;
-use super::{Ending, print, say, write_text};
+use super::{Ending, print, say, shell, write_text};
 
 /// Memory of a render: a small image on lavapipe takes 0.2 to 0.4 GB.
 const JOB_BYTES: u64 = 1 << 30;
@@ -90,11 +90,11 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     for outcome in &mut outcomes {
         arguments.bless(outcome, all.device.as_deref());
     }
-    let name = device.as_ref().map(|device| device.name.as_str());
-    arguments.write_pages(&all, name, &outcomes)?;
     for outcome in &outcomes {
         print(&line(outcome))?;
     }
+    let name = device.as_ref().map(|device| device.name.as_str());
+    arguments.write_pages(&all, name, &outcomes)?;
     let good = outcomes.iter().filter(|outcome| outcome.is_good()).count();
     say(format_args!("{good} of {} cases passed; see {}", outcomes.len(), arguments.html.display()));
     Ok(if good < outcomes.len() { Ending::AboveLimit } else { Ending::Done })
@@ -186,23 +186,23 @@ impl Arguments {
 
     /// Renders a case once or twice, and compares it.
     fn render(&self, case: &Case, program: &Path, folder: &Path, stop: &dyn Fn() -> bool) -> Outcome {
-        let scene = case.scene.clone().unwrap_or_default();
-        // Paths in flags are relative to the file of cases.
-        let folder_of_cases =
-            self.cases.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let whole = std::path::absolute(&scene).unwrap_or_else(|_| scene.clone());
+        // The render runs in the folder of the file of cases, because paths in flags are relative to it.
+        let own_folder = self.cases.parent().unwrap_or(Path::new(""));
+        let scene = case.scene.as_deref().unwrap_or(Path::new(""));
+        let scene = scene.strip_prefix(own_folder).unwrap_or(scene);
+        let mut words = vec!["render".to_owned(), scene.display().to_string()];
+        words.extend(case.flags.iter().cloned());
+        words.push(format!("--device={}", self.device));
         let start = Instant::now();
         let render = |run: u32| -> std::result::Result<Image, String> {
             let file = folder.join(format!("{}-{run}.exr", case.name));
             let mut command = Command::new(program);
-            command.current_dir(folder_of_cases).arg("render").arg(&whole).args(&case.flags).args([
-                "--device",
-                &self.device,
-                "--quiet",
-                "-o",
-            ]);
+            command.args(&words).args(["--quiet", "-o"]).arg(&file);
+            if !own_folder.as_os_str().is_empty() {
+                command.current_dir(own_folder);
+            }
             let limit = case.limits.seconds;
-            let ended = run_within(command.arg(&file), Duration::from_secs_f64(limit), stop);
+            let ended = run_within(&mut command, Duration::from_secs_f64(limit), stop);
             let Some(Ended { status, stderr }) = ended.map_err(|problem| problem.to_string())? else {
                 return Err(format!("took longer than its limit `seconds`, {limit} s, and was stopped"));
             };
@@ -214,10 +214,12 @@ impl Arguments {
             // If the flags of a case denoise the image, the denoised image is compared.
             Ok(image.denoised().unwrap_or(image))
         };
-        let command = format!("penumbra render {} {}", scene.display(), case.flags.join(" "));
         let first = render(1);
         let seconds = start.elapsed().as_secs_f64();
         let both = first.and_then(|image| Ok((image, self.twice.then(|| render(2)).transpose()?)));
+        words.insert(0, "penumbra".to_owned());
+        words.extend(["-o".to_owned(), format!("{}.exr", case.name)]);
+        let command = shell::quoted(&words);
         match both {
             Ok((image, again)) => {
                 Outcome::of(case, command, seconds, image, again.as_ref(), baseline(case, &self.cases))
@@ -258,10 +260,17 @@ fn compare(case: &Case, folder: &Path, cases: &Path) -> Outcome {
         let problem = format!("there is no {}, .png or .hdr", files[0].display());
         return Outcome::broken(case, String::new(), 0.0, problem);
     };
-    match Image::read(file) {
+    match read(file) {
         Ok(image) => Outcome::of(case, String::new(), 0.0, image, None, baseline(case, cases)),
         Err(problem) => Outcome::broken(case, String::new(), 0.0, problem.to_string()),
     }
+}
+
+/// An image that can be shown and compared.
+fn read(path: &Path) -> Result<Image> {
+    let image = Image::read(path)?;
+    image.rgb().map_err(|channel| Error::input(path, channel, "there is no such channel"))?;
+    Ok(image)
 }
 
 /// The baseline of a case, or why there is none.
@@ -271,7 +280,7 @@ fn baseline(case: &Case, cases: &Path) -> std::result::Result<Image, String> {
         let command = format!("penumbra check {} --bless {name}", cases.display());
         return Err(format!("there is no baseline {file}; {command} makes it"));
     }
-    Image::read(&case.baseline).map_err(|problem| problem.to_string())
+    read(&case.baseline).map_err(|problem| problem.to_string())
 }
 
 /// One for each processor, if memory is enough.

@@ -72,7 +72,9 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     }
     let shows = arguments.output.iter().any(|path| !is_exr(path));
     let default = if shows && missing.is_empty() && pieces.have_guides() { Denoise::Auto } else { Denoise::None };
-    let image = match arguments.denoise.unwrap_or(default) {
+    let denoise = arguments.denoise.unwrap_or(default);
+    arguments.oidn.check(denoise)?;
+    let image = match denoise {
         Denoise::None => pieces.merge()?,
         denoise => {
             let denoiser = arguments.oidn.denoiser(denoise)?;

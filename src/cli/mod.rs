@@ -83,11 +83,8 @@ Exit codes:
   3    a file cannot be read, understood or written
   4    no Vulkan device, or the device was lost and could not be replaced; view: no display
   5    compare: the error is above the limit; check: a case did not pass
-  130  stopped by Ctrl-C or SIGTERM after the finished samples were written, or by Ctrl-C before the first sample, or
-       by Ctrl-C as the second signal; check: stopped by either, with nothing written; other commands: stopped by
-       Ctrl-C
-  143  stopped by SIGTERM before the first sample, or by SIGTERM as the second signal; other commands: stopped by
-       SIGTERM";
+  130  stopped by Ctrl-C; render, after the finished samples were written, and report and check: also by SIGTERM
+  143  stopped by SIGTERM before the first sample, by SIGTERM as the second signal, or in any other command";
 
 /// How a command ended without an error.
 enum Ending {

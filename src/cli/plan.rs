@@ -8,7 +8,7 @@ use penumbra::internal::report::prediction::{self, Prediction};
 use penumbra::internal::report::run::Subject;
 use penumbra::internal::specialisation::{Deferred, Item, Specialisation, bytes_text};
 use penumbra::settings::Denoise;
-use penumbra::{Result, Scene, Settings};
+use penumbra::{Error, Result, Scene, Settings};
 use serde::Serialize;
 
 use super::options::{DeviceOptions, ExtentOptions, RenderOptions, SceneOptions};
@@ -26,8 +26,8 @@ pub struct Arguments {
     #[command(flatten)]
     extent: ExtentOptions,
 
-    /// Predict the time and the noise of the image by `path`, `two-pass` and `shadow-photons`, from renders of small
-    /// images, which take some seconds
+    /// Predict the time and the noise of the image by `path`, `two-pass` and `shadow-photons`, with --spp samples in
+    /// every pixel, from renders of small images, which take some seconds
     #[arg(long, help_heading = "Output")]
     predict: bool,
 
@@ -88,8 +88,12 @@ impl Counts {
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.settings.check(&arguments.extent)?;
+    if arguments.predict && arguments.settings.noise.is_some() {
+        let problem = "--predict cannot be combined with --noise: it predicts what the samples of --spp cost";
+        return Err(Error::Usage(problem.into()));
+    }
     let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
-    let settings = arguments.settings.settings(&camera, &arguments.extent)?;
+    let settings = arguments.settings.settings_to_end(&camera, &arguments.extent, false)?;
     let specialisation = Specialisation::new(&scene, Some(&camera), &settings);
     let denoised = settings.clone().with(|s| s.image.denoise = Denoise::Auto);
     let memory = Memories {

@@ -1,4 +1,4 @@
-//! `penumbra completions` and `penumbra manual`: the command line for shells and `man`.
+//! The command line for shells and `man`: `penumbra completions`, `penumbra manual`, and commands to copy.
 
 use std::path::PathBuf;
 
@@ -31,4 +31,25 @@ pub fn manual(arguments: &Manual, command: Command) -> Result<Ending> {
     clap_mangen::generate_to(command, &arguments.folder)
         .map_err(|problem| Error::output(&arguments.folder, problem))?;
     Ok(Ending::Done)
+}
+
+/// Words as one line that a shell reads.
+pub fn quoted(words: &[String]) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_=./,:+@%".contains(c);
+    let quote = |word: &String| match !word.is_empty() && word.chars().all(is_plain) {
+        true => word.clone(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
+    };
+    words.iter().map(quote).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::quoted;
+
+    #[test]
+    fn words_are_quoted_for_a_shell() {
+        let words = ["--look-from=-1,0.5,2", "my scene.glb", "it's", ""].map(str::to_owned);
+        assert_eq!(quoted(&words), "--look-from=-1,0.5,2 'my scene.glb' 'it'\\''s' ''");
+    }
 }

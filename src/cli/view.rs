@@ -16,7 +16,7 @@ use penumbra::{Aov, Camera, Denoiser, Error, Result, Scene};
 use super::options::{
     DeviceOptions, ExtentOptions, OidnOptions, RenderOptions, SceneOptions, camera_word, denoisers, finite,
 };
-use super::{CommandLine, Ending, cache, flags, print, say};
+use super::{CommandLine, Ending, cache, flags, print, say, shell};
 
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
@@ -48,6 +48,7 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.settings.check(&ExtentOptions::default())?;
+    arguments.oidn.check(arguments.denoise)?;
     let display = Display::open().map_err(|error| match error {
         Error::NoDisplay(problem) => {
             // The library of the window puts a location in its own source before the last colon.
@@ -157,7 +158,8 @@ impl Options {
         match &eye.viewpoint {
             Viewpoint::Given => scene,
             // The field of view of the command belongs to the camera of the command.
-            Viewpoint::File(index) => scene.through_camera(camera_word(cameras, *index), eye.fov),
+            Viewpoint::Default => scene.through_camera(None, eye.fov),
+            Viewpoint::File(index) => scene.through_camera(Some(camera_word(cameras, *index)), eye.fov),
             Viewpoint::Placed(view) => scene.placed(view),
         }
     }
@@ -166,6 +168,7 @@ impl Options {
     fn camera_options(&self, eye: &Eye, cameras: &[String]) -> Vec<String> {
         let mut options = match &eye.viewpoint {
             Viewpoint::Given => self.camera.clone(),
+            Viewpoint::Default => Vec::new(),
             Viewpoint::File(index) => vec![format!("--camera={}", camera_word(cameras, *index))],
             Viewpoint::Placed(view) => {
                 let numbers = |p: &[f64; 3]| p.map(|x| x.to_string()).join(",");
@@ -275,7 +278,7 @@ impl Source for Options {
         // A .png holds one picture alone: the denoised one if there is one.
         let is_png = aovs.is_empty() && (display.denoised || self.denoise == Denoise::None);
         words.extend(["-o".to_owned(), if is_png { "picture.png" } else { "picture.exr" }.to_owned()]);
-        words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ")
+        shell::quoted(&words)
     }
 
     fn files(&self) -> Vec<PathBuf> {
@@ -287,27 +290,19 @@ impl Source for Options {
     }
 }
 
-/// A word as a shell reads it.
-fn quoted(word: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_=./,:+@%".contains(c);
-    match !word.is_empty() && word.chars().all(is_plain) {
-        true => word.to_owned(),
-        false => format!("'{}'", word.replace('\'', "'\\''")),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::path::Path;
     use std::sync::Arc;
 
     use clap::{CommandFactory, Parser};
     use kernel_kit::Gpu;
-    use penumbra::Image;
     use penumbra::internal::view::{Command as SessionCommand, Eye, Overlay, Session, Shown, Source, State, Viewpoint};
+    use penumbra::{Image, ImportOptions, Scene};
 
     use super::super::{Command, CommandLine, render};
-    use super::{Options, choices, quoted};
+    use super::{Options, choices};
 
     /// The window begins with what the command says.
     #[test]
@@ -363,6 +358,75 @@ mod tests {
         }
     }
 
+    /// The picture is denoised while that is shown, and at its end for the files; otherwise time is not spent on it.
+    #[test]
+    fn what_is_not_shown_is_not_denoised() {
+        let folder = tempfile::tempdir().unwrap();
+        let saved = folder.path().join("saved.exr");
+        let device = std::env::var("PENUMBRA_DEVICE").unwrap_or("software".into());
+        let gpu = Gpu::open(&device.parse().unwrap()).unwrap();
+        let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/box.glb");
+        let words = format!("penumbra view --width 24 --height 18 --spp 20 --device {device} --denoise statistical");
+        let words: Vec<&str> = words.split(' ').chain([scene]).collect();
+        let Command::View(arguments) = CommandLine::parse_from(&words).command else { panic!("another command") };
+        let options = Arc::new(Options::new(&arguments, &CommandLine::command().get_matches_from(&words)));
+        for denoised in [false, true] {
+            let (loaded, camera) = arguments.scene.load(1.0).unwrap();
+            let mut choices = choices(&arguments, &camera).unwrap();
+            choices.display.denoised = denoised;
+            let mut session = Session::new(&gpu, State::new(options.clone(), scene.into(), loaded, choices));
+            let mut before_the_end = Vec::new();
+            loop {
+                let (_, works) = session.step().unwrap();
+                session.command(SessionCommand::Save(saved.clone()));
+                let is_filtered = Image::read(&saved).unwrap().channel("denoised.R").is_some();
+                if !works {
+                    assert!(is_filtered, "{denoised}: the complete picture is raw");
+                    break;
+                }
+                if !session.snapshot().is_complete {
+                    before_the_end.push(is_filtered);
+                }
+            }
+            // The first, small picture is raw in any case.
+            assert!(before_the_end.len() > 3, "{before_the_end:?}");
+            assert!(before_the_end[2..].iter().all(|is_filtered| *is_filtered == denoised), "{before_the_end:?}");
+        }
+    }
+
+    /// A file that is opened in the window is shown even if it lacks the camera of the command. Its camera can move.
+    #[test]
+    fn another_file_may_lack_the_camera() {
+        let file = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
+        let [first, other] = ["scenes/box.glb", "tests/scene/poses/face.gltf"].map(file);
+        let device = std::env::var("PENUMBRA_DEVICE").unwrap_or("software".into());
+        let name = Scene::load(&first, &ImportOptions::default()).unwrap().cameras[0].name.clone();
+        let words =
+            ["penumbra", "view", "--width", "24", "--height", "18", "--spp", "1", "--device", &device, "--camera"];
+        let words = [&words[..], &[&name, first.to_str().unwrap()]].concat();
+        let Command::View(arguments) = CommandLine::parse_from(&words).command else { panic!("another command") };
+        let options = Arc::new(Options::new(&arguments, &CommandLine::command().get_matches_from(&words)));
+        let (scene, camera) = arguments.scene.load(1.0).unwrap();
+        let choices = choices(&arguments, &camera).unwrap();
+        let gpu = Gpu::open(&device.parse().unwrap()).unwrap();
+        let mut session = Session::new(&gpu, State::new(options.clone(), first.clone(), scene, choices));
+        let mut shown = |command| {
+            session.command(command);
+            while session.step().unwrap().1 {}
+            session.snapshot()
+        };
+        let opened = shown(SessionCommand::Open(other.clone()));
+        assert_eq!((opened.message, &opened.picture.eye.viewpoint), (None, &Viewpoint::Default));
+        assert_eq!(opened.picture.file, other);
+        let command = options.command(&opened.picture, &opened.cameras);
+        assert!(!command.contains("--camera"), "{command}");
+        let refused = shown(SessionCommand::Camera(Viewpoint::Given));
+        assert!(refused.message.is_some_and(|message| message.contains(&name)));
+        assert_eq!(refused.picture.eye.viewpoint, Viewpoint::Default);
+        let moved = shown(SessionCommand::Orbit([0.1, 0.0]));
+        assert!(matches!(moved.picture.eye.viewpoint, Viewpoint::Placed(_)), "{:?}", moved.message);
+    }
+
     /// The copied command renders the bits of the picture that is shown, also where the denoiser, the user's channels
     /// or an overlay decide on samples, kernels or photons.
     #[test]
@@ -405,13 +469,5 @@ mod tests {
                 assert!(bits(&shown) == bits(&rendered), "{case}: {name} differs from {command}");
             }
         }
-    }
-
-    #[test]
-    fn words_are_quoted_for_a_shell() {
-        assert_eq!(quoted("--look-from=-1,0.5,2"), "--look-from=-1,0.5,2");
-        assert_eq!(quoted("my scene.glb"), "'my scene.glb'");
-        assert_eq!(quoted("it's"), "'it'\\''s'");
-        assert_eq!(quoted(""), "''");
     }
 }

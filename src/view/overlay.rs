@@ -119,6 +119,22 @@ pub struct Display {
     pub denoised: bool,
 }
 
+impl Display {
+    /// Whether it shows what a denoiser computes.
+    pub fn requires_denoising(&self) -> bool {
+        match self.overlay {
+            Overlay::Picture | Overlay::Photons => self.denoised,
+            Overlay::Error => true,
+            _ => false,
+        }
+    }
+
+    /// The denoised picture of `image`, if it is shown.
+    pub fn denoised_of(&self, image: &Image) -> Option<Image> {
+        image.denoised().filter(|_| self.denoised)
+    }
+}
+
 /// Colours of the classes, by their codes: dark, lit, shadowed, boundary, unknown.
 const CLASS_COLOURS: [[u8; 3]; Class::COUNT] =
     [[0, 0, 0], [240, 200, 40], [40, 80, 200], [220, 40, 40], [128, 128, 128]];
@@ -227,7 +243,7 @@ fn cell_colour(cells: &[ShownCell], pixel: usize, width: usize) -> [u8; 3] {
 }
 
 fn picture(image: &Image, display: &Display) -> Option<Vec<u8>> {
-    let denoised = image.denoised().filter(|_| display.denoised);
+    let denoised = display.denoised_of(image);
     denoised.as_ref().unwrap_or(image).display(display.view, display.exposure).ok()
 }
 

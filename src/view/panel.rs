@@ -258,6 +258,7 @@ impl Panel {
         let current = &snapshot.picture.eye.viewpoint;
         let name = match current {
             Viewpoint::Given => "as given".to_owned(),
+            Viewpoint::Default => "default".to_owned(),
             Viewpoint::File(index) => snapshot.cameras.get(*index).cloned().unwrap_or_default(),
             Viewpoint::Placed(_) => "moved".to_owned(),
         };

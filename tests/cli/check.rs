@@ -67,6 +67,13 @@ fn baselines_are_made_and_compared() {
     let page = fs::read_to_string(file.with_extension("html")).unwrap();
     assert!(page.contains("2 of 2 cases passed"));
     assert!(page.contains("pixels that differ between two runs</th><td>0</td>"));
+    // The command that it shows makes the image.
+    let shown = page.split("<code>penumbra ").nth(1).and_then(|rest| rest.split("</code>").next()).unwrap();
+    assert!(shown.ends_with("-o usual.exr"), "{shown}");
+    Answer::of(penumbra(shown, &[]).current_dir(folder.path())).assert_done();
+    let [made, blessed] =
+        [folder.path().join("usual.exr"), baseline("usual.exr")].map(|path| Image::read(path).unwrap());
+    assert!(made.rgb() == blessed.rgb());
     // The light of one changes, and its baseline stays.
     write(1.5);
     let before = fs::read(baseline("bright.exr")).unwrap();
@@ -230,6 +237,15 @@ fn images_of_other_renderers_are_compared() {
     let answer = check(&file, &arguments);
     assert_eq!(answer.code, Some(5), "{answer:?}");
     assert!(answer.stdout.contains("failed   a") && answer.stdout.contains("passed   b"), "{answer:?}");
+    // An image without colours is a broken case, and the others are on the page.
+    let mut grey = Image::new(4, 3);
+    grey.add_channel("Y", vec![0.5; 12]);
+    grey.write_exr(images.join("a.exr")).unwrap();
+    let answer = check(&file, &arguments);
+    assert_eq!(answer.code, Some(5), "{answer:?}");
+    let is_named = answer.stdout.contains("a.exr: R: there is no such channel");
+    assert!(is_named && answer.stdout.contains("passed   b"), "{answer:?}");
+    assert!(fs::read_to_string(file.with_extension("html")).unwrap().contains("1 broken"));
     // Cases without a scene cannot be rendered.
     check(&file, &on_device("")).assert_refused(3, &["case a", "--images"]);
 }

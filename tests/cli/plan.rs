@@ -186,6 +186,7 @@ fn the_plan_predicts_what_techniques_cost() {
     let every_light = plan("--predict --spp 4 --light-sampling all");
     assert_eq!(of(&every_light, "all").len(), 2, "a path samples one light at a vertex: {every_light}");
     run("plan --predict --device none-such", &[&BOX]).assert_refused(4, &["none-such"]);
+    run("plan --predict --noise 0.01", &[&BOX]).assert_refused(2, &["--predict", "--noise"]);
     assert_eq!(run("plan --json --device none-such", &[&BOX]).json()["predictions"], Value::Array(Vec::new()));
     // A single sample has no variance.
     let text = run("plan --predict --width 8 --height 8 --spp 1 --device software", &[&BOX]);

@@ -451,14 +451,23 @@ fn noise_ends_a_render_and_a_reference_is_compared_with() {
     assert!(answer.assert_done().stderr.contains("whether a noise of 1e-6 was reached is not known"));
 }
 
-/// An image that cannot be compared is named.
+/// A reference of another part of the image is refused before the render, as is a library that nothing would load.
 #[test]
-fn an_image_of_another_part_than_its_reference_is_named() {
+fn what_would_not_be_used_is_refused() {
     let folder = folder();
     let [reference, image] = ["reference.exr", "a.exr"].map(|name| folder.path().join(name));
     render("--spp 2 --crop 0,0,8,8", &[&reference]).assert_done();
-    let answer = render(&format!("--spp 2 --crop 8,8,8,8 --quiet --reference {}", reference.display()), &[&image]);
-    answer.assert_refused(3, &[image.to_str().unwrap(), "another part of the image"]);
+    let with_reference =
+        |more: &str| render(&format!("--spp 2 {more} --quiet --reference {}", reference.display()), &[&image]);
+    with_reference("--crop 8,8,8,8").assert_refused(3, &["reference.exr", "another part of the image"]);
+    with_reference("--crop 8,8,8,4").assert_refused(3, &["reference.exr", "needs a reference of that part"]);
+    with_reference("").assert_refused(3, &["reference.exr", "set --width and --height"]);
+    for more in ["", "--denoise statistical"] {
+        let unused = render(&format!("{more} --oidn missing.so"), &[&image]);
+        unused.assert_refused(2, &["--oidn missing.so", "--denoise auto"]);
+    }
+    assert!(!image.exists());
+    with_reference("--crop 0,0,8,8").assert_done();
 }
 
 #[cfg(unix)]

@@ -555,6 +555,13 @@ fn a_resized_picture_is_rendered_and_saved() {
     assert!(saved.message.unwrap().contains("a.exr"));
     assert!(image_bytes(&png) == *first.pixels);
     assert!(Image::read(&exr).unwrap().channel("albedo.R").is_some());
+    let mut albedo = choices(settings());
+    albedo.display.overlay = Overlay::Albedo;
+    let shown = settle(&mut session, [Command::Choose(Box::new(albedo)), Command::Save(png.clone())]);
+    assert!(shown.pixels != first.pixels);
+    // It is saved before it is shown, unless it is there already.
+    settle(&mut session, [Command::Save(png.clone())]);
+    assert!(image_bytes(&png) == *shown.pixels, "an overlay is not saved as it is shown");
     let refused = settle(&mut session, [Command::Save(folder.path().join("a.txt"))]);
     assert!(refused.message.unwrap().contains(".exr"));
 }

@@ -30,7 +30,7 @@ impl Source for Files {
 
     fn camera(&self, scene: &Scene, eye: &Eye, _: f32) -> Result<Camera> {
         let mut camera = match &eye.viewpoint {
-            Viewpoint::Given => scene.cameras[0].clone(),
+            Viewpoint::Given | Viewpoint::Default => scene.cameras[0].clone(),
             Viewpoint::File(index) => scene.cameras[*index].clone(),
             Viewpoint::Placed(view) => scene.look_at(view).unwrap(),
         };

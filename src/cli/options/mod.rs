@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use kernel_kit::{DeviceChoice, DeviceLimits, Gpu};
+use penumbra::internal::render::film::Window;
 use penumbra::internal::report::reference::Reference;
 use penumbra::settings::Denoise;
 use penumbra::{Denoiser, Error, Image, Result, Settings};
@@ -61,6 +62,17 @@ pub struct OidnOptions {
 }
 
 impl OidnOptions {
+    /// Refuses a library that `choice` would not use.
+    pub fn check(&self, choice: Denoise) -> Result<()> {
+        match &self.oidn {
+            Some(library) if !choice.uses_oidn() => {
+                let problem = "is used only with --denoise auto or --denoise oidn";
+                Err(Error::Usage(format!("--oidn {} {problem}", library.display())))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// As [`Denoiser::new`].
     pub fn denoiser(&self, choice: Denoise) -> Result<Denoiser> {
         let variable = || env::var_os("OIDN_LIBRARY").filter(|name| !name.is_empty()).map(PathBuf::from);
@@ -68,14 +80,23 @@ impl OidnOptions {
     }
 }
 
-/// The reference image, which must have the size of the settings.
+/// The reference image, which must have the size of the settings, and show the same part if it states one.
 pub fn read_reference(path: &Path, settings: &Settings) -> Result<Reference> {
     let reference = Reference::read(path)?;
     let crop = settings.image.crop_window();
-    let (Image { width, height, .. }, own) = (&reference.image, [crop.width, crop.height]);
+    let part =
+        settings.image.crop.map(|_| Window { at: [crop.x, crop.y], of: [settings.image.width, settings.image.height] });
+    let (Image { width, height, crop: shown, .. }, own) = (&reference.image, [crop.width, crop.height]);
     if [*width, *height] != own {
         let sizes = format!("its size is {width} x {height} pixels, not {} x {}", own[0], own[1]);
-        return Err(Error::input(path, "file", format!("{sizes}; set --width and --height accordingly")));
+        let remedy = match part {
+            None => "set --width and --height accordingly",
+            Some(_) => "a part of an image needs a reference of that part",
+        };
+        return Err(Error::input(path, "file", format!("{sizes}; {remedy}")));
+    }
+    if shown.zip(part).is_some_and(|(shown, part)| shown != part) {
+        return Err(Error::input(path, "file", "it shows another part of the image than --crop"));
     }
     Ok(reference)
 }

@@ -95,6 +95,16 @@ impl RenderOptions {
         Ok(settings)
     }
 
+    /// As [`settings`](Self::settings), but without a limit on samples where the user gives none and something else
+    /// ends the render: --noise, or `has_other_end`.
+    pub fn settings_to_end(&self, camera: &Camera, extent: &ExtentOptions, has_other_end: bool) -> Result<Settings> {
+        let mut settings = self.settings(camera, extent)?;
+        if self.spp.is_none() && (has_other_end || self.noise.is_some()) {
+            settings.image.spp = Settings::UNLIMITED_SPP;
+        }
+        Ok(settings)
+    }
+
     fn of_aspect(&self, aspect: f32, extent: &ExtentOptions) -> Settings {
         let mut settings = self.settings.settings_of_aspect(aspect);
         settings.technique = self.technique.0.unwrap_or_default();

@@ -96,6 +96,7 @@ impl Arguments {
         if self.settings.has_aovs() && !self.output.iter().any(|path| is_exr(path)) {
             return Err(Error::Usage("--aov needs an output that is .exr: a .png holds only the picture".into()));
         }
+        self.oidn.check(self.requested_denoiser())?;
         self.check_piece()?;
         files.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;
         if let Some(path) = self.checkpoint.as_ref().filter(|path| path.exists() && !self.resume) {
@@ -153,12 +154,16 @@ impl Arguments {
         if self.extent.is_piece() {
             return (Denoiser::default(), None);
         }
-        let shows = self.output.iter().any(|path| !is_exr(path));
-        let default = if shows { Denoise::Auto } else { Denoise::None };
-        match self.oidn.denoiser(self.denoise.unwrap_or(default)) {
+        match self.oidn.denoiser(self.requested_denoiser()) {
             Ok(denoiser) => (denoiser, None),
             Err(problem) => (Denoiser::default(), Some(problem)),
         }
+    }
+
+    /// The denoiser that the user requests, or the default one.
+    fn requested_denoiser(&self) -> Denoise {
+        let shows = self.output.iter().any(|path| !is_exr(path));
+        self.denoise.unwrap_or(if shows { Denoise::Auto } else { Denoise::None })
     }
 
     /// A note if most of a .png is white or black.

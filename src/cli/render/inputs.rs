@@ -68,10 +68,8 @@ pub fn turntable(arguments: &Arguments, scene: &Scene) -> Result<Option<Vec<Came
 
 /// The settings of the render through this camera.
 fn settings(arguments: &Arguments, camera: &Camera, denoiser: &Denoiser) -> Result<Settings> {
-    let mut settings = arguments.settings.settings(camera, &arguments.extent)?;
-    if (arguments.time.is_some() || settings.image.noise.is_some()) && arguments.settings.spp.is_none() {
-        settings.image.spp = Settings::UNLIMITED_SPP;
-    }
+    let has_time = arguments.time.is_some();
+    let mut settings = arguments.settings.settings_to_end(camera, &arguments.extent, has_time)?;
     // A piece keeps what the denoisers of the merged image need.
     let is_piece = arguments.extent.is_piece();
     settings.image.denoise = if is_piece { arguments.denoise.unwrap_or_default() } else { denoiser.choice() };

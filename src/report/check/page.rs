@@ -8,7 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::comparison::Comparison;
 use super::outcome::{Finding, Outcome};
-use crate::render::film::Image;
+use crate::render::film::{Image, encode_colours};
 use crate::report::metrics::display;
 use crate::{Error, Result};
 
@@ -122,14 +122,9 @@ fn png_of(image: &Image) -> Result<String> {
 }
 
 /// 8-bit colours, as the data URI of a PNG.
-fn png([width, height]: [u32; 2], colours: &[u8]) -> Result<String> {
-    let failed = |problem: png::EncodingError| Error::output("check.html", problem);
+fn png(size: [u32; 2], colours: &[u8]) -> Result<String> {
     let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, width, height);
-    encoder.set_color(png::ColorType::Rgb);
-    let mut writer = encoder.write_header().map_err(failed)?;
-    writer.write_image_data(colours).map_err(failed)?;
-    writer.finish().map_err(failed)?;
+    encode_colours(&mut bytes, size, colours).map_err(|problem| Error::output("check.html", problem))?;
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
 }
 

@@ -87,7 +87,9 @@ impl State {
                 }
             }
             Command::Camera(viewpoint) => {
-                self.eye = Eye { viewpoint, fov: None, f_number: self.eye.f_number };
+                let eye = Eye { viewpoint, fov: None, f_number: self.eye.f_number };
+                self.check_camera(&eye)?;
+                self.eye = eye;
                 self.close_missing_iris()?;
             }
             Command::Choose(choices) => {

@@ -236,14 +236,17 @@ impl<'g> Session<'g> {
         };
         self.state.is_complete = !render.is_preview && !renderer.wants_samples(&self.denoiser)?;
         self.state.samples = renderer.samples();
-        let is_denoised = self.state.choices.display.denoised && self.denoiser.choice() != Denoise::None;
+        let has_denoiser = self.denoiser.choice() != Denoise::None;
+        let is_denoised = has_denoiser && self.state.choices.display.requires_denoising();
+        let was_denoised = self.state.image.as_ref().is_some_and(|image| image.channel("denoised.R").is_some());
         // Denoising takes as long as some samples.
-        if is_denoised && !self.state.samples.is_power_of_two() && !self.state.is_complete {
+        let is_due = self.state.samples.is_power_of_two() || !was_denoised;
+        if is_denoised && !is_due && !self.state.is_complete {
             return Ok(true);
         }
         let mut image = renderer.image()?;
         // Denoisers take long to begin, and the first picture is not to wait for them.
-        if !render.is_first {
+        if (is_denoised || self.state.is_complete) && !render.is_first {
             renderer.add_denoised(&mut image, &self.denoiser)?;
         }
         self.state.image = Some(image);

@@ -24,6 +24,8 @@ pub enum Viewpoint {
     /// The camera of the command.
     #[default]
     Given,
+    /// The first camera of a file that lacks the command's, or one that frames its scene.
+    Default,
     /// A camera of the file, by its index.
     File(usize),
     /// Where the user moved it.

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use super::picture::Viewpoint;
 use super::state::{Loaded, State};
-use crate::render::film::{check_names, is_same_file, write_atomically};
+use crate::render::film::{check_names, check_writable, is_same_file, write_atomically, write_colours};
 use crate::scene::{AddedCamera, with_camera};
-use crate::view::overlay::Display;
+use crate::view::overlay::Overlay;
 use crate::{Error, Result};
 
 impl State {
@@ -16,10 +16,15 @@ impl State {
         let Some(image) = &self.image else { return Ok("there is no picture yet".to_owned()) };
         self.check_kept(path, None)?;
         let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
-        let Display { view, exposure, .. } = self.choices.display;
-        // Like `penumbra render`: an .exr has all channels, a .png shows one picture.
-        let denoised = image.denoised().filter(|_| !is_exr);
-        denoised.as_ref().unwrap_or(image).write(path, view, exposure)?;
+        let display = self.choices.display;
+        // An .exr has all channels, a .png what is shown.
+        if !is_exr && display.overlay != Overlay::Picture {
+            check_writable(path)?;
+            write_colours(path, self.size, &self.pixels)?;
+        } else {
+            let denoised = display.denoised_of(image).filter(|_| !is_exr);
+            denoised.as_ref().unwrap_or(image).write(path, display.view, display.exposure)?;
+        }
         Ok(format!("wrote {}", path.display()))
     }
 

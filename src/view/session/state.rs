@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::picture::{Choices, Eye, Picture, Pose, Source};
+use super::picture::{Choices, Eye, Picture, Pose, Source, Viewpoint};
 use super::snapshot::{Picked, Snapshot};
 use crate::scene::{Camera, Projection, Scene};
 use crate::{Image, Result};
@@ -117,6 +117,12 @@ impl State {
         self.source.camera(scene, eye, width as f32 / height as f32)
     }
 
+    /// Checks that the scene has the camera of `eye`, whatever its lens.
+    pub(super) fn check_camera(&self, eye: &Eye) -> Result<()> {
+        let Some(Loaded { scene, .. }) = &self.scene else { return Ok(()) };
+        self.camera_of(scene, &Eye { f_number: None, ..eye.clone() }).map(|_| ())
+    }
+
     /// Ends depth of field if the camera is orthographic. Such a camera has no iris, and the panel no f-number for it.
     pub(super) fn close_missing_iris(&mut self) -> Result<()> {
         let Some(Loaded { scene, .. }) = &self.scene else { return Ok(()) };
@@ -182,6 +188,9 @@ impl State {
         self.picked = None;
         self.scene = Some(Loaded { scene: Arc::new(scene), origin });
         self.message = None;
+        if is_another && self.check_camera(&self.eye).is_err() {
+            self.eye.viewpoint = Viewpoint::Default;
+        }
         self.close_missing_iris()
     }
 }
