@@ -175,7 +175,7 @@ fn find_or_add_cell(cell: FineCellKey) -> u32 {
     for (var probe = 0u; probe < FINE_CELL_PROBES; probe++) {
         var found = atomicLoad(&fine_cell_tags[entry]);
         if found == 0u {
-            if fine_cell_view.closed != 0u { break; }
+            if fine_cell_view.closed != 0u { return FINE_CELL_ABSENT; }
             let exchanged = atomicCompareExchangeWeak(&fine_cell_tags[entry], 0u, hash.tag | CLASS_UNKNOWN);
             if exchanged.exchanged {
                 fine_cells[entry].kind = cell.kind;
@@ -188,6 +188,7 @@ fn find_or_add_cell(cell: FineCellKey) -> u32 {
         if (found & ~CLASS_MASK) == hash.tag { return entry; }
         entry = (entry + 1u) & fine_cell_view.mask;
     }
+    atomicAdd(&fine_cell_tags[fine_cell_view.mask + 2u], 1u);
     return FINE_CELL_ABSENT;
 }
 

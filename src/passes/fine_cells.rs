@@ -77,8 +77,8 @@ pub struct FineCellTable {
     pub view: Buffer,
     /// [`FineCell`]s.
     pub cells: Buffer,
-    /// For each entry, a hash of its cell with the [`crate::kernels::Class`]; 0 if the entry is empty. Then the number
-    /// of cells, and padding.
+    /// For each entry, a hash of its cell with the [`crate::kernels::Class`]; 0 if the entry is empty. Then the words
+    /// of [`FineCellTable::count`], and padding.
     pub tags: Buffer,
     /// The tags when [`FineCellTable::publish`] copied them last.
     pub tag_table: Table,
@@ -110,7 +110,7 @@ impl FineCellTable {
     /// As [`Gpu::buffer`].
     pub fn new(gpu: &Gpu, view: FineCellView) -> Result<FineCellTable> {
         let entries = view.mask as usize + 1;
-        let records = whole_rows((entries + 1).div_ceil(4));
+        let records = whole_rows((entries + 2).div_ceil(4));
         Ok(FineCellTable {
             view: gpu.upload("penumbra/fine_cells/view", &[view])?,
             cells: gpu.buffer::<FineCell>("penumbra/fine_cells/cells", entries)?,
@@ -130,12 +130,13 @@ impl FineCellTable {
         }
     }
 
-    /// Number of cells in the table.
+    /// Number of cells in the table, and of searches that found neither their cell nor an entry for it.
     ///
     /// # Errors
     /// As [`Gpu::read`].
-    pub fn count(&self, gpu: &Gpu) -> Result<u32> {
-        Ok(gpu.read_from::<u32>(&self.tags, self.entries, 1)?[0])
+    pub fn count(&self, gpu: &Gpu) -> Result<[u32; 2]> {
+        let counts = gpu.read_from::<u32>(&self.tags, self.entries, 2)?;
+        Ok([counts[0], counts[1]])
     }
 
     /// Lets look-ups find the cells and their classes as they are now.

@@ -185,7 +185,12 @@ impl<'a> Device<'a> {
     }
 
     fn count(&self) -> u32 {
-        self.table.count(self.gpu).unwrap()
+        self.table.count(self.gpu).unwrap()[0]
+    }
+
+    /// Searches that found neither their cell nor an entry.
+    fn without_entry(&self) -> u32 {
+        self.table.count(self.gpu).unwrap()[1]
     }
 
     fn classify(&self) {
@@ -326,14 +331,18 @@ fn all_points_count(gpu: &Gpu) {
     }
 }
 
-/// A closed table takes no new cell. A full one loses cells, but no word outside them is written.
+/// A closed table takes no new cell. A full one loses cells, and counts the searches for those.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn full_and_closed_take_nothing(gpu: &Gpu) {
-    let points = points(&mut Random(5), 5000);
+    // Each stores one photon.
+    let mut points = points(&mut Random(5), 5000);
+    points.retain(|rays| rays.word & 255 == 0 || (rays.word >> 8) & 255 == 0);
     let closed = Device::new(gpu, FineCellView { closed: 1, ..VIEW });
     closed.run("store", &points, points.len());
-    assert_eq!((closed.count(), closed.cells().len()), (0, 0));
+    assert_eq!((closed.count(), closed.cells().len(), closed.without_entry()), (0, 0, 0));
     let small = Device::new(gpu, FineCellView { mask: 15, ..VIEW });
     small.run("store", &points, points.len());
     assert_eq!((small.count(), small.cells().len()), (16, 16));
+    let stored: u32 = small.cells().iter().map(|cell| cell.illumination + cell.shadow).sum();
+    assert_eq!(stored + small.without_entry(), points.len() as u32);
 }
