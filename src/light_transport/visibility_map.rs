@@ -115,8 +115,7 @@ impl VisibilityMap {
         let (bounds, area) = extent(scene);
         let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.visibility_map.nearest);
         let grid = kernels.grid.build(gpu, &traced.photons, traced.count, lights, shape)?;
-        totals.photon_bytes += traced.photons.bytes + grid.bytes;
-        Ok(VisibilityMap {
+        let map = VisibilityMap {
             grid: Some(grid),
             kernel: kernels.grid,
             shape,
@@ -125,7 +124,14 @@ impl VisibilityMap {
             count: traced.count,
             room: MAX_REPAIRS,
             repairs: Repairs::new(gpu, REPAIRS_PER_SORT)?,
-        })
+        };
+        totals.photon_bytes += map.bytes();
+        Ok(map)
+    }
+
+    /// Bytes on the device.
+    pub fn bytes(&self) -> u64 {
+        self.photons.bytes + self.grid.as_ref().map_or(0, |grid| grid.bytes)
     }
 
     /// The map as it was before the first sample: without photons of audits, and with no cell requested.

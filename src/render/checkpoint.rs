@@ -17,7 +17,7 @@ use crate::statistics::totals::Totals;
 use crate::{Error, Result};
 
 /// The first bytes of every file; the number rises when the format changes.
-const MAGIC: &[u8] = b"penumbra checkpoint 11\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 12\n";
 
 /// Bytes of the digest of everything after it.
 const DIGEST: usize = 32;
@@ -29,9 +29,10 @@ pub(super) struct Header {
     /// Fingerprint of scene, camera, settings and version.
     pub fingerprint: String,
     pub samples: u32,
-    /// Stage of indirect light (photons and gather rays); see `settings/stages.rs`.
-    pub stage: i32,
-    /// `None` before the first sample, and if estimates do not decide the stage.
+    /// Stages of indirect light (photons and gather rays) after its first one; see `settings/stages.rs`. Records depend
+    /// on all of them.
+    pub later_stages: Vec<i32>,
+    /// `None` before the second batch, and if estimates do not decide the stage.
     pub growth: Option<GrowthHeader>,
     pub blocks: Option<SampleAllocation>,
     pub batches: u32,
@@ -39,6 +40,8 @@ pub(super) struct Header {
     pub shade_at_once: bool,
     /// Whether there is a visibility map: not before the trial of its photons, nor after it if they did not pay off.
     pub has_visibility_map: bool,
+    /// Whether photons may still be emitted: after the first sample, or when there is more time.
+    pub may_have_photons: bool,
     pub samples_without_photons: u32,
     pub totals: Totals,
     /// Number of photons that audits added to the map.

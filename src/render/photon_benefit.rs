@@ -60,9 +60,11 @@ pub(super) fn decide_enough(
 ) -> bool {
     let share = |decided: u64, total: f64| decided as f64 / total.max(1.0);
     let tried = f64::from(samples - without) / f64::from(samples);
-    let first = share(counted.lit + counted.shadowed, counted.total as f64 * tried);
     let decided = points.lit + points.shadowed - counted.lit - counted.shadowed;
     let last = share(decided, (points.total - counted.total) as f64);
+    // A trial of a single batch shows no growth.
+    let first =
+        if samples > without { share(counted.lit + counted.shadowed, counted.total as f64 * tried) } else { last };
     last + FURTHER_GROWTH * (last - first) >= if is_allocated { MIN_DECIDED_OF_ALLOCATED } else { MIN_DECIDED }
 }
 
@@ -119,6 +121,9 @@ mod tests {
                 decide_enough(&counted, [without, samples], &all, false)
             };
             assert!(enough(44, 55) && !enough(55, 55), "after {without} samples without photons");
+            // A trial of one batch.
+            let (counted, all) = (points(before, 0), points(before + 700, 7 * 55));
+            assert!(!decide_enough(&counted, [without, without], &all, false));
         }
     }
 }

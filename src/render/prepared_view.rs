@@ -47,6 +47,8 @@ pub(super) struct PreparedView {
     pub tile_size: TileSize,
     /// How many photons and gather rays there are so far; see `settings/stages.rs`.
     pub stage: i32,
+    /// The stages that it had after its first one, in order.
+    pub later_stages: Vec<i32>,
 }
 
 impl ViewOf<'_> {
@@ -85,7 +87,17 @@ impl ViewOf<'_> {
         totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
         totals.frame_bytes += lighting.frame_bytes();
         totals.time_render = start.elapsed().as_secs_f64();
-        Ok(PreparedView { primary, film, lighting, indirect_kernels, buffers, tiles, tile_size, stage })
+        Ok(PreparedView {
+            primary,
+            film,
+            lighting,
+            indirect_kernels,
+            buffers,
+            tiles,
+            tile_size,
+            stage,
+            later_stages: Vec::new(),
+        })
     }
 }
 

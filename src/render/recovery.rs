@@ -9,6 +9,7 @@ use super::checkpoint::Checkpoint;
 use super::host_memory::has_room;
 use super::output;
 use super::renderer::Renderer;
+use crate::light_transport::fine_cells::FineCellMap;
 use crate::passes::film::Plane;
 use crate::{Error, Image, Result, Statistics};
 
@@ -153,6 +154,9 @@ impl Renderer<'_> {
             Some(sums) => sums.bytes(),
             None => self.planes().map(Plane::bytes).sum(),
         };
+        // Besides the planes: means and errors by which gather rays grow, the samples of pixels, and fine cells.
+        let numbers = 3 * size_of::<u32>() as u64 * self.settings.image.crop_window().pixels();
+        let state = state + numbers + self.view.lighting.fine_cells.as_ref().map_or(0, FineCellMap::bytes);
         has_room(state, &self.settings, self.view.tiles.iter().any(|tile| tile.indirect.is_some()))
     }
 

@@ -65,12 +65,9 @@ impl Renderer<'_> {
         self.view.stage < self.due_stage() || (self.estimates_growth() && self.view.stage < LAST_STAGE && grows())
     }
 
-    /// Advances stage by stage up to `stage`. Summed samples are not corrected.
-    pub(super) fn restore_stage(&mut self, stage: i32) -> Result<()> {
-        while self.view.stage < stage {
-            self.add_rays(self.next_stage().min(stage))?;
-        }
-        Ok(())
+    /// Advances through `stages`. Summed samples are not corrected.
+    pub(super) fn restore_stages(&mut self, stages: &[i32]) -> Result<()> {
+        stages.iter().try_for_each(|stage| self.add_rays(*stage).map(|_| ()))
     }
 
     /// The next stage. Once there is an estimate, stages are taken two at a time, as each has a fixed cost besides its
@@ -178,6 +175,7 @@ impl Renderer<'_> {
         };
         let before = indirect.add_rays(&setup, earlier, &mut self.totals)?;
         self.view.stage = stage;
+        self.view.later_stages.push(stage);
         Ok(before)
     }
 

@@ -50,7 +50,7 @@ impl Renderer<'_> {
             version: Header::version(),
             fingerprint: String::new(),
             samples: self.sampling.samples,
-            stage: self.view.stage,
+            later_stages: self.view.later_stages.clone(),
             growth: self
                 .sampling
                 .growth
@@ -60,6 +60,7 @@ impl Renderer<'_> {
             batches: self.sampling.batches,
             shade_at_once: self.sampling.shade_at_once,
             has_visibility_map: self.view.lighting.visibility_map.is_some(),
+            may_have_photons: self.with_photons.is_some(),
             samples_without_photons: self.sampling.samples_without_photons,
             totals: self.totals.clone(),
             added: map.added.len(),
@@ -93,7 +94,7 @@ impl Renderer<'_> {
                 None => "the checkpoint is of another scene or camera".to_owned(),
             }));
         }
-        self.restore_trial(header.samples, header.has_visibility_map)?;
+        self.restore_trial(header)?;
         if !self.fits(header) {
             return Err(damaged());
         }
@@ -115,7 +116,7 @@ impl Renderer<'_> {
         if !self.view.lighting.restore(&Shared { gpu, scene, gpu_scene, tile }, &map, &mut self.totals)? {
             return Err(damaged());
         }
-        self.restore_stage(header.stage)?;
+        self.restore_stages(&header.later_stages)?;
         self.sampling.samples = header.samples;
         self.sampling.samples_without_photons = header.samples_without_photons;
         self.sampling.growth = growth;
@@ -133,10 +134,17 @@ impl Renderer<'_> {
         header.has_visibility_map == has_map
             // Counts are by light.
             && (!has_map || header.totals.photons.len() == self.totals.photons.len())
-            && header.samples <= image.range().count()
-            && header.stage <= LAST_STAGE
+            // Other renders may have more samples than were requested.
+            && (image.piece.is_none() || header.samples <= image.range().count())
+            && self.fits_stages(&header.later_stages)
             && header.blocks.is_some() == self.sampling.allocation.is_some()
             && header.blocks.as_ref().is_none_or(|allocation| allocation.fits(image))
+    }
+
+    /// Whether indirect light can have these stages after its first one.
+    fn fits_stages(&self, stages: &[i32]) -> bool {
+        let all = [&[self.view.stage], stages].concat();
+        all.is_sorted_by(|a, b| a < b) && all.last().is_some_and(|last| *last <= LAST_STAGE)
     }
 
     /// The growth of indirect light, whose pixels are the first of the words in `rest`; these are taken off. `None` if

@@ -14,7 +14,7 @@ pub(super) struct SamplingState {
     pub allocation: Option<SampleAllocation>,
     /// Estimated errors of pixels that decided on gather rays, kept for the decision on samples that follows.
     pub errors: Option<PixelErrors>,
-    /// The estimates that decide when records get more gather rays; `None` before the first sample.
+    /// The estimates that decide when records get more gather rays; `None` before the second batch.
     pub growth: Option<Growth>,
     /// See [`crate::passes::shade::ShadeParameters::at_once`].
     pub shade_at_once: bool,

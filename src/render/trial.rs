@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
+use super::checkpoint::Header;
 use super::photon_benefit::{TRIAL_SAMPLES, decide_enough, is_on_trial, problem_of_photons, without_photons};
 use super::renderer::Renderer;
 use crate::Result;
@@ -13,6 +14,7 @@ use crate::light_transport::direct_light::DirectLightKernels;
 use crate::light_transport::first_pass::{FirstPass, MadeMaps};
 use crate::light_transport::kernels::DirectKernels;
 use crate::light_transport::shared::Shared;
+use crate::light_transport::visibility_map::VisibilityMap;
 use crate::specialisation::features::Feature;
 use crate::statistics::Points;
 
@@ -88,12 +90,12 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// Restores the trial of a render that has `samples` samples per pixel, with photons or without.
-    pub(super) fn restore_trial(&mut self, samples: u32, has_photons: bool) -> Result<()> {
-        if has_photons {
+    /// Restores the trial of the render that wrote a checkpoint.
+    pub(super) fn restore_trial(&mut self, from: &Header) -> Result<()> {
+        if from.has_visibility_map {
             return self.make_photons();
         }
-        if samples > 1 && self.with_photons.take().is_some() {
+        if !from.may_have_photons && self.with_photons.take().is_some() {
             self.specialisation.explain(Feature::VisibilityMap, "photons did not pay off in the first samples");
         }
         Ok(())
@@ -126,9 +128,12 @@ impl Renderer<'_> {
         let features = &self.specialisation.features;
         let kernels = DirectLightKernels::new(gpu, features, &gpu_scene.constants(), &self.settings)?;
         let lighting = &mut self.view.lighting;
+        let (frame_bytes, map) = (lighting.frame_bytes(), &lighting.visibility_map);
+        self.totals.photon_bytes -= map.as_ref().map_or(0, VisibilityMap::bytes).min(self.totals.photon_bytes);
         (lighting.direct, lighting.visibility_map, lighting.fine_cells) = (None, None, None);
         let shared = Shared { gpu, scene, gpu_scene, tile };
         lighting.make_direct_light(&shared, kernels, self.view.tile_size.points, &self.settings)?;
+        self.totals.frame_bytes = (self.totals.frame_bytes + lighting.frame_bytes()).saturating_sub(frame_bytes);
         self.totals.time_compile += start.elapsed().as_secs_f64();
         Ok(())
     }

@@ -71,6 +71,17 @@ fn earlier_samples_get_the_light_of_later_rays() {
     assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
 }
 
+/// A render may have more samples than were requested, and is continued then too.
+#[test]
+fn a_render_beyond_its_samples_is_continued() {
+    let settings = settings(None).with(|s| s.image.spp = 2);
+    let (mut whole, mut resumed) = (renderer(&settings), renderer(&settings));
+    image_of(&mut whole, 3);
+    resumed.resume_from(&whole.checkpoint().unwrap()).unwrap();
+    let [whole, resumed] = [&mut whole, &mut resumed].map(|renderer| image_of(renderer, 4));
+    assert_same(&resumed, &whole, "after a checkpoint");
+}
+
 /// Estimates decide when gather rays are added. A render that is resumed from a checkpoint makes the same decisions.
 #[test]
 fn rays_grow_by_estimates_that_checkpoints_keep() {

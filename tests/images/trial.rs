@@ -122,10 +122,14 @@ fn later_kernels_are_compiled_ahead() {
 #[test]
 fn photons_that_decide_little_are_left_out() {
     let mut few = renderer(Shadows::Edges, &settings(Technique::SHADOW_PHOTONS));
+    let memory = |renderer: &Renderer<'_>| renderer.statistics().unwrap().memory;
+    let without = memory(&few);
     render_to(&mut few, 2);
     assert!(has_photons(&few), "they are not tried");
+    assert!(memory(&few).photons > without.photons && memory(&few).frame > without.frame);
     render_to(&mut few, 8);
     assert!(!has_photons(&few), "they stay");
+    assert_eq!([memory(&few).photons, memory(&few).frame], [without.photons, without.frame], "their memory is counted");
     let points = few.statistics().unwrap().points;
     render_to(&mut few, 40);
     let statistics = few.statistics().unwrap();
@@ -165,9 +169,15 @@ fn little_time_makes_no_photons() {
     long.render_within(1e9).unwrap();
     assert!(short.samples() > 1 && long.samples() > 1);
     assert_eq!([has_photons(&short), has_photons(&long)], [false, true]);
-    // There is more time after all.
-    short.render_within(1e9).unwrap();
-    assert!(has_photons(&short));
+    // There is more time after all, also for a render that continues this one.
+    let mut resumed = renderer(Shadows::Simple, &settings);
+    resumed.resume_from(&short.checkpoint().unwrap()).unwrap();
+    // How long a sample takes here is known after one more.
+    resumed.render_within(1e9).unwrap();
+    for renderer in [&mut short, &mut resumed] {
+        renderer.render_within(1e9).unwrap();
+        assert!(has_photons(renderer));
+    }
 }
 
 /// A render that is continued from a checkpoint, before, in or after the trial, has the bits of one without
