@@ -37,6 +37,10 @@ const SHADE_ITERATIONS: u32 = 32_768;
 /// would be missed without it. (The lights of the paper's two scenes: 0.33 and 0.02.)
 const WIDE_LIGHT: f32 = 0.05;
 
+/// Maximum number of sampled lights of a tile: with 8 bytes each they fit into a binding of 128 MiB, which all devices
+/// have.
+const MAX_SAMPLED_LIGHTS: u32 = 1 << 24;
+
 /// Maximum number of points of a tile. Adaptive shadow testing holds all lights of a point at once. Counts of a tile,
 /// which may reach the number of light points of all its candidates, must fit in a word. Path tracing has neither
 /// limit.
@@ -49,8 +53,12 @@ pub(crate) fn max_points(features: &Features, lights: usize, settings: &Settings
         let words = lights.saturating_mul(settings.shadow_rays.samples.div_ceil(32));
         return (CHUNK_CANDIDATES / lights).min(CHUNK_WORDS / words).max(1);
     }
-    let considered = if features.has(Feature::LightSampling) { settings.light_sampling.sampled_lights } else { lights };
-    (u32::MAX / considered.saturating_mul(settings.shadow_rays.samples)).max(1)
+    let samples = settings.shadow_rays.samples;
+    if features.has(Feature::LightSampling) {
+        let considered = settings.light_sampling.sampled_lights;
+        return (u32::MAX / considered.saturating_mul(samples)).min(MAX_SAMPLED_LIGHTS / considered).max(1);
+    }
+    (u32::MAX / lights.saturating_mul(samples)).max(1)
 }
 
 pub(crate) struct DirectLightKernels {

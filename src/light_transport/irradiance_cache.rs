@@ -39,6 +39,10 @@ const LATER_SPACINGS: [u32; 3] = [4, 3, 2];
 /// With all nine, `scenes/crowd.glb` had 2.9 pictures a second in the window; with six, 12.
 const SPACINGS_BESIDE_KEPT: usize = 6;
 
+/// Gather rays between two readings of the counters. Each may cause as many as 255 further rays before the 32 bits of a
+/// count overflow.
+const COUNTED_RAYS: u32 = 1 << 24;
+
 /// Maximum radius of a record in pixels. Farther away, gradients miss detail between the records. Other radii were not
 /// compared.
 const MAX_RADIUS_PIXELS: f32 = 20.0;
@@ -284,13 +288,19 @@ impl Records {
         let all = 0..self.heads.len() as u32;
         self.ray_buffers.grow(gpu, all.end, wave.rays)?;
         let bound = self.bind_gather(with, wave)?;
-        let mut frame = gpu.frame("gather");
-        frame.clear(&tile.counters);
-        frame.submit()?;
         totals.gather_rays += u64::from(all.end) * u64::from(wave.rays);
-        self.heads = bound.gather(gpu, all, with.gather_settings())?;
-        let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT)?;
-        totals.add_gathered(&counters);
+        let counted = (COUNTED_RAYS / wave.rays).max(1);
+        let mut heads = Vec::with_capacity(self.heads.len());
+        for first in all.step_by(counted as usize) {
+            let mut frame = gpu.frame("gather");
+            frame.clear(&tile.counters);
+            frame.submit()?;
+            let some = first..(first + counted).min(self.heads.len() as u32);
+            heads.extend(bound.gather(gpu, some, with.gather_settings())?);
+            let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT)?;
+            totals.add_gathered(&counters);
+        }
+        self.heads = heads;
         self.rays += wave.rays;
         Ok(())
     }

@@ -64,6 +64,18 @@ fn few_limits_are_enough_for_procedural_objects() {
     renders_the_same(DeviceLimits::Least, "procedural.glb");
 }
 
+/// The sampled lights of all points of an image of the default size would take 269 MB.
+#[test]
+fn many_sampled_lights_fit_into_small_bindings() {
+    let scene = Scene::load(scene_file("lamps.glb"), &ImportOptions::default()).unwrap();
+    let settings = Settings::default().with(|s| {
+        s.light_sampling.sampled_lights = 64;
+        (s.image.width, s.image.height, s.image.spp, s.indirect.max_bounces) = (512, 512, 2, 0);
+    });
+    let camera = scene.cameras[0].clone();
+    Renderer::new(&opened(DeviceLimits::Least), scene, &camera, &settings).unwrap();
+}
+
 /// Tables are storage buffers, and rays are traced alone. SwiftShader has too few such buffers.
 #[test]
 fn software_devices_can_be_used_as_gpus() {
