@@ -33,6 +33,12 @@ pub(super) enum Component {
 }
 
 impl Component {
+    /// That of an accessor.
+    pub fn of(accessor: &Json) -> Result<Self> {
+        let code = accessor.require("componentType")?;
+        Component::from_code(code.whole()?).ok_or_else(|| code.error("unknown component type"))
+    }
+
     pub fn from_code(code: usize) -> Option<Self> {
         Some(match code {
             5120 => Component::I8,
@@ -307,8 +313,7 @@ impl<'a> Views<'a> {
     }
 
     fn accessor(&self, json: Json<'a>, decoded: Option<&'a Vec<u8>>) -> Result<Accessor<'a>> {
-        let code = json.require("componentType")?;
-        let component = code.whole().map(Component::from_code)?.ok_or_else(|| code.error("unknown component type"))?;
+        let component = Component::of(&json)?;
         let count = json.require("count")?;
         let count = match count.whole()? {
             0 => return Err(count.error("must be at least 1")),

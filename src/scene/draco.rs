@@ -44,8 +44,7 @@ impl<'a> Target<'a> {
         if json.get("bufferView")?.is_some() {
             return Ok(None);
         }
-        let code = json.require("componentType")?;
-        let component = code.whole().map(Component::from_code)?.ok_or_else(|| code.error("unknown component type"))?;
+        let component = Component::of(&json)?;
         let width = match json.require("type")?.string()? {
             "SCALAR" => 1,
             "VEC2" => 2,
@@ -55,6 +54,11 @@ impl<'a> Target<'a> {
         };
         let count = json.require("count")?.whole()?;
         Ok(Some(Target { json, index, component, width, count }))
+    }
+
+    /// Whether its elements can be indices of vertices.
+    fn holds_indices(&self) -> bool {
+        self.width == 1 && matches!(self.component, Component::U8 | Component::U16 | Component::U32)
     }
 }
 
@@ -103,12 +107,10 @@ pub(super) fn decode(root: &Json, views: &Views) -> Result<Decoded> {
 /// The stream of a primitive, if it has one and needs it.
 fn stream<'a>(primitive: &Json<'a>, accessors: &[Json<'a>], views: &Views<'a>) -> Result<Option<Stream<'a>>> {
     let Some(json) = primitive.extension(EXTENSION)? else { return Ok(None) };
-    let mode = primitive.get("mode")?.map_or(Ok(4), |mode| mode.whole())?;
-    if mode != 4 {
-        return Err(json.error(format!("mode {mode} of the primitive: only lists of triangles are decoded")));
-    }
-    let bytes = views.bytes(&json.require("bufferView")?)?;
     let indices = primitive.get("indices")?.map_or(Ok(None), |index| Target::read(&index, accessors))?;
+    if let Some(target) = indices.as_ref().filter(|target| !target.holds_indices()) {
+        return Err(target.json.error("the indices of a compressed mesh must be plain unsigned scalars"));
+    }
     let (plain, of_stream) = (primitive.require("attributes")?, json.require("attributes")?);
     let mut attributes = Vec::new();
     for (name, number) in of_stream.members()? {
@@ -116,6 +118,14 @@ fn stream<'a>(primitive: &Json<'a>, accessors: &[Json<'a>], views: &Views<'a>) -
         let number = u32::try_from(number.whole()?).map_err(|_| number.error("is out of range"))?;
         attributes.extend(target.map(|target| (number, target)));
     }
+    if indices.is_none() && attributes.is_empty() {
+        return Ok(None);
+    }
+    let mode = primitive.get("mode")?.map_or(Ok(4), |mode| mode.whole())?;
+    if mode != 4 {
+        return Err(json.error(format!("mode {mode} of the primitive: only lists of triangles are decoded")));
+    }
+    let bytes = views.bytes(&json.require("bufferView")?)?;
     let stream = Stream { json, bytes, indices, attributes };
     let most = FREE.max(bytes.len().saturating_mul(DENSEST));
     let elements = stream.vertices().max(stream.corners());
@@ -125,8 +135,7 @@ fn stream<'a>(primitive: &Json<'a>, accessors: &[Json<'a>], views: &Views<'a>) -
             bytes.len()
         )));
     }
-    let is_needed = stream.indices.is_some() || !stream.attributes.is_empty();
-    Ok(is_needed.then_some(stream))
+    Ok(Some(stream))
 }
 
 impl Stream<'_> {

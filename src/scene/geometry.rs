@@ -16,7 +16,7 @@ use super::material::Material;
 use super::mesh::{Mesh, Primitive};
 use super::morph::Displaced;
 use super::node::Node;
-use super::normalisation::Normalisation;
+use super::normalisation::{Normalisation, is_in_range};
 use super::notes::Notes;
 use super::skin::Influences;
 use super::triangle::{NO_LIGHT, Triangle, Vertex};
@@ -83,7 +83,7 @@ pub(super) fn check_size<'p, 'r: 'p, 'a: 'r>(
     Ok(())
 }
 
-/// A mesh light: the triangles of one node with the same emissive material.
+/// A mesh light: the triangles of one node, or of one of its instances, with the same emissive material.
 struct MeshLight {
     node: usize,
     material: u32,
@@ -188,7 +188,7 @@ impl Geometry {
         let placement = world * mirror;
         if shared
             .bounds
-            .is_some_and(|bounds| !box_corners(bounds).iter().all(|p| placement.transform_point3(*p).is_finite()))
+            .is_some_and(|bounds| !box_corners(bounds).iter().all(|p| is_in_range(placement.transform_point3(*p))))
         {
             return Err(placed.node.json.error("its world matrix moves vertices out of range"));
         }
@@ -206,8 +206,9 @@ impl Geometry {
         for (i, position) in shape.positions.iter().enumerate() {
             let transform = transforms.of(i);
             let world = transform.affine.transform_point3(*position);
-            if !world.is_finite() {
-                return Err(placed.node.json.error("its world matrix moves vertices out of range"));
+            if !is_in_range(world) {
+                let mover = if placed.joints.is_some() { "a joint" } else { "its world matrix" };
+                return Err(placed.node.json.error(format!("{mover} moves vertices out of range")));
             }
             self.world.push(world);
             self.vertices.push(Vertex {
@@ -244,7 +245,8 @@ impl Geometry {
             self.radiance = vec![Vec3::ZERO; self.triangles.len()];
             return;
         }
-        let emission = Emission::new(&scene.materials, &scene.textures, &scene.images);
+        let emitting = self.triangles.iter().filter(|triangle| triangle.light != NO_LIGHT).count();
+        let emission = Emission::new(&scene.materials, &scene.textures, &scene.images, emitting);
         let mean = |t: &Triangle| match t.light {
             NO_LIGHT => Vec3::ZERO,
             _ => emission.mean(t.material as usize, t.vertices.map(|v| self.vertices[v as usize].uv)),

@@ -27,6 +27,7 @@ use super::panorama::Panorama;
 use super::repeats::Repeats;
 use super::skin::Skin;
 use super::texture::TextureImage;
+use super::triangle::Triangle;
 use super::variants::Variants;
 use super::{
     accessor, animation, camera, container, draco, geometry, image_light, images, immersion, instancing, light,
@@ -66,7 +67,8 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::Input`] if a file is missing, damaged, unsupported or out of range. Its location is a JSON pointer, or
-    /// a byte offset in the .glb container. [`Error::Usage`] if the file lacks the animation of the options.
+    /// a byte offset in the .glb container. [`Error::Usage`] if the file lacks the animation or the
+    /// variant of the options.
     pub fn load(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Scene> {
         load_and_list(path.as_ref(), options, &mut Vec::new())
     }
@@ -114,8 +116,10 @@ impl Scene {
             materials: materials.materials,
             ..Default::default()
         };
+        // Geometry without a material adds another one.
+        let of_file = scene.materials.len();
         let mut geometry = document.geometry(&mut scene.materials, options)?;
-        let procedurals = procedural::read(&document.nodes, resources, &mut scene, &mut notes)?;
+        let procedurals = procedural::read(&document.nodes, of_file, resources, &mut scene, &mut notes)?;
         immersion::immerse(&mut geometry, &mut scene.materials, &mut notes);
         geometry.procedural_corners = procedurals.iter().flat_map(|placed| placed.corners).collect();
         geometry.find_emitters(&scene);
@@ -442,7 +446,12 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, default_light: bool, n
     note(skipped.points_and_lines, "consists", "consist", "of points or lines: left out");
     note(skipped.without_positions, has, have, "no positions: left out");
     note(skipped.not_finite, has, have, "numbers that are not finite: left out");
-    for material in scene.materials.iter().filter(|material| material.encloses_volume() && material.has_gaps()) {
+    for (index, material) in scene.materials.iter().enumerate().filter(|(_, material)| material.encloses_volume()) {
+        let is_faded = |vertex: &u32| scene.vertices[*vertex as usize].colour.w < 1.0;
+        let fades = |triangle: &Triangle| triangle.material as usize == index && triangle.vertices.iter().any(is_faded);
+        if !material.has_gaps(|| scene.triangles.iter().any(fades)) {
+            continue;
+        }
         notes.push(format!(
             "material \"{}\" has a volume, and its alpha may be below 1: rays that pass its surface are absorbed too \
             much or not at all; with the alphaMode OPAQUE they are absorbed as they should be",

@@ -56,7 +56,9 @@ impl Format {
         match self {
             Format::Picture(format) => {
                 let image = Picture::open(bytes, format)?.decode()?;
-                Ok(image.into_rgba8().as_raw().as_chunks::<4>().0.to_vec())
+                let bytes = image.into_rgba8().into_raw();
+                // Without a copy, as a large image takes a gigabyte. Spare room that is no whole texel prevents that.
+                Ok(bytemuck::try_cast_vec(bytes).unwrap_or_else(|(_, bytes)| bytes.as_chunks().0.to_vec()))
             }
             Format::Ktx2 => Ktx2::open(bytes)?.decode(),
         }
@@ -139,7 +141,8 @@ pub(super) fn source(texture: &Json, images: &[Encoded]) -> Result<Option<usize>
         let owner = extension.map_or(Ok(Some(texture.clone())), |name| texture.extension(name))?;
         let Some(source) = owner.map_or(Ok(None), |owner| owner.get("source"))? else { continue };
         let image = source.index(images.len(), "image")?;
-        match images[image].content {
+        // Of equal images only the first is decoded, and found to be damaged.
+        match images[images[image].first].content {
             Content::Known(format, _) if formats.contains(&format) => {}
             // Its other form will do.
             Content::Broken if shown.is_some() => continue,

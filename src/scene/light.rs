@@ -25,7 +25,7 @@ pub struct Light {
 /// The kind of a light, with its position and emission.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LightKind {
-    /// A mesh light: the triangles of one node with the same emissive material.
+    /// A mesh light: the triangles of one node, or of one of its instances, with the same emissive material.
     Mesh {
         /// Index into [`Scene::materials`](super::Scene::materials). The material determines whether both faces emit.
         material: u32,
@@ -220,6 +220,10 @@ impl Punctual {
 /// photons from spots that were missed carry more flux than can be stored.
 const STRATA: [usize; 2] = [8, 64];
 
+/// Maximum number of points of all triangles together, unless each has the fewest: some seconds. Below 65,536 triangles
+/// it has no effect.
+const MAX_LOOKUPS: usize = 1 << 28;
+
 /// The emission of emissive materials, triangle by triangle.
 pub(super) struct Emission<'a> {
     materials: &'a [Material],
@@ -228,12 +232,20 @@ pub(super) struct Emission<'a> {
     /// For each image, computed at the first request: how many texels that are not black lie above and to the left of a
     /// corner, (width + 1) x (height + 1) values.
     bright: Vec<OnceLock<Vec<u32>>>,
+    /// Maximum of points per axis.
+    max_strata: usize,
 }
 
 impl<'a> Emission<'a> {
-    /// The emission of these materials through these textures.
-    pub fn new(materials: &'a [Material], textures: &'a [Texture], images: &'a [TextureImage]) -> Self {
-        Emission { materials, textures, images, bright: vec![OnceLock::new(); images.len()] }
+    /// The emission of these materials through these textures, for the given number of triangles.
+    pub fn new(
+        materials: &'a [Material],
+        textures: &'a [Texture],
+        images: &'a [TextureImage],
+        triangles: usize,
+    ) -> Self {
+        let max_strata = (MAX_LOOKUPS / triangles.max(1)).isqrt().clamp(STRATA[0], STRATA[1]);
+        Emission { materials, textures, images, bright: vec![OnceLock::new(); images.len()], max_strata }
     }
 
     /// Mean radiance that a triangle with those texture coordinates at its corners emits.
@@ -248,7 +260,7 @@ impl<'a> Emission<'a> {
         let mut sum = Vec3::ZERO;
         // An area that overflows has the most points, and one that is NaN the fewest.
         let texels = 0.5 * (uvs[1] - uvs[0]).perp_dot(uvs[2] - uvs[0]).abs() * (image.width * image.height) as f32;
-        let strata = (texels.sqrt().ceil() as usize).clamp(STRATA[0], STRATA[1]);
+        let strata = (texels.sqrt().ceil() as usize).clamp(STRATA[0], self.max_strata);
         for i in 0..strata * strata {
             let at = |k: usize| (k as f32 + 0.5) / strata as f32;
             // Maps the unit square to the triangle with constant density.
@@ -265,7 +277,8 @@ impl<'a> Emission<'a> {
             // What these points missed fills at most about one stratum.
             sum = Vec3::splat(self.bright_share(texture, image, &uvs));
         }
-        material.emissive * sum / count
+        // In this order a bright material does not overflow.
+        material.emissive * (sum / count)
     }
 
     /// The share of texels that are not black in the bounds of `uvs`.

@@ -230,12 +230,13 @@ impl Material {
         self.volume.is_some() && !self.unlit && self.has_transmitting_lobe()
     }
 
-    /// Rays may pass it because of its alpha, as far as factors tell.
-    pub(crate) fn has_gaps(&self) -> bool {
+    /// Rays may pass it because of its alpha, as far as factors tell. `fades`: whether vertices have an alpha below 1.
+    pub(crate) fn has_gaps(&self, fades: impl Fn() -> bool) -> bool {
+        let varies = || self.base_colour_texture.is_some() || fades();
         match self.alpha {
             AlphaMode::Opaque => false,
-            AlphaMode::Mask { cutoff } => self.base_colour_texture.is_some() || self.base_colour.w < cutoff,
-            AlphaMode::Blend => self.base_colour_texture.is_some() || self.base_colour.w < 1.0,
+            AlphaMode::Mask { cutoff } => self.base_colour.w < cutoff || varies(),
+            AlphaMode::Blend => self.base_colour.w < 1.0 || varies(),
         }
     }
 

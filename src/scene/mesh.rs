@@ -184,8 +184,7 @@ impl<'r, 'a> Reader<'_, 'r, 'a> {
         }
     }
 
-    /// Checks that the primitive has the coordinates of all visible textures of its material, which a variant may have
-    /// given.
+    /// Checks that the primitive has the coordinates of all textures of its material, which a variant may have given.
     fn check_coordinates(&mut self, json: &Json<'a>, material: Option<usize>, uvs: &[Vec<Vec2>; 2]) -> Result<()> {
         let mut textures = material.into_iter().flat_map(|m| self.materials[m].texture_infos());
         let Some(texture) = textures.find(|texture| uvs[texture.uv_set as usize].is_empty()) else { return Ok(()) };

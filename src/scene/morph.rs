@@ -4,6 +4,7 @@ use glam::{DVec3, Vec2, Vec4};
 
 use super::accessor::{Accessor, Component};
 use super::json::Json;
+use super::normalisation::is_in_range;
 use crate::Result;
 
 /// The attributes that targets displace, and the numbers of components that their displacements may have.
@@ -85,19 +86,24 @@ impl<'r, 'a> Morph<'r, 'a> {
         Ok((Morph { targets, which }, wrong))
     }
 
-    /// Adds the displacements of attribute `index` of [`ATTRIBUTES`] by weight.
+    /// Adds the displacements of attribute `index` of [`ATTRIBUTES`] by weight. `add` returns whether the sum is in
+    /// range.
     fn displace<const N: usize, T>(
         &self,
         index: usize,
         values: &mut [T],
         weights: &[f64],
-        add: impl Fn(&mut T, [f32; N], f64),
+        add: impl Fn(&mut T, [f32; N], f64) -> bool,
     ) -> Result<()> {
         for (target, weight) in self.targets.iter().zip(weights).filter(|(_, weight)| **weight != 0.0) {
             let Some(accessor) = target[index] else { continue };
             let displacements = accessor.floats::<N>(0.0, self.which.as_deref())?;
             for (value, by) in values.iter_mut().zip(displacements) {
-                add(value, by, *weight);
+                if !add(value, by, *weight) {
+                    return Err(
+                        accessor.error(format!("its displacements times a weight of {weight:e} are out of range"))
+                    );
+                }
             }
         }
         Ok(())
@@ -108,15 +114,20 @@ impl<'r, 'a> Morph<'r, 'a> {
         for (i, values) in displaced.vectors.into_iter().enumerate() {
             self.displace::<3, _>(i, values, weights, |value, by, weight| {
                 *value += weight * DVec3::from(by.map(f64::from));
+                is_in_range(*value)
             })?;
         }
         for (i, values) in displaced.uvs.into_iter().enumerate() {
             self.displace::<2, _>(3 + i, values, weights, |value, by, weight| {
-                *value += weight as f32 * Vec2::from(by)
+                *value = (value.as_dvec2() + weight * Vec2::from(by).as_dvec2()).as_vec2();
+                value.is_finite()
             })?;
         }
         let colours = displaced.colours;
-        self.displace::<4, _>(5, colours, weights, |value, by, weight| *value += weight as f32 * Vec4::from(by))?;
+        self.displace::<4, _>(5, colours, weights, |value, by, weight| {
+            *value = (value.as_dvec4() + weight * Vec4::from(by).as_dvec4()).as_vec4();
+            value.is_finite()
+        })?;
         if self.targets.iter().zip(weights).any(|(target, weight)| target[5].is_some() && *weight != 0.0) {
             colours.iter_mut().for_each(|colour| *colour = colour.clamp(Vec4::ZERO, Vec4::ONE));
         }

@@ -2,6 +2,15 @@
 
 use glam::{DVec3, Vec3};
 
+/// Maximum of coordinates: 2^996. Then the radius of the scene is below 2^1000, beyond which the square of the scale is
+/// 0 in f64.
+const MAX_COORDINATE: f64 = f64::from_bits((1023 + 996) << 52);
+
+/// Whether a point can be part of a scene.
+pub(super) fn is_in_range(point: DVec3) -> bool {
+    point.is_finite() && point.abs().max_element() <= MAX_COORDINATE
+}
+
 /// The map between world space and normalised space: `normalised = (world - centre) * 2^exponent`.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Normalisation {

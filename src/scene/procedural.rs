@@ -24,14 +24,16 @@ pub(super) struct Placed<'a> {
     pub corners: [DVec3; 8],
 }
 
-/// Reads the objects of the visible nodes, and adds their functions and materials to the scene.
+/// Reads the objects of the visible nodes, and adds their functions and materials to the scene, the first `of_file` of
+/// whose materials are those of the file.
 pub(super) fn read<'a>(
     nodes: &[Node<'a>],
+    of_file: usize,
     resources: &mut Resources,
     scene: &mut Scene,
     notes: &mut Notes,
 ) -> Result<Vec<Placed<'a>>> {
-    let own_materials = vec![None; scene.materials.len()];
+    let own_materials = vec![None; of_file];
     let builder = Builder::default();
     let mut reader = Reader { resources, scene, notes, builder, own_materials, default_material: None };
     let mut placed: Vec<Placed> = Vec::new();

@@ -71,7 +71,8 @@ pub struct TextureImage {
     pub width: u32,
     /// Height in texels, at least 1.
     pub height: u32,
-    /// RGBA values as coded in the file; 16-bit images are reduced to 8 bits.
+    /// RGBA values in the code of their colour space, with 8 bits each: those of the file, or made of them where a
+    /// material is converted or the image is reduced.
     pub texels: Vec<[u8; 4]>,
 }
 

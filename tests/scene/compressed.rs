@@ -395,6 +395,12 @@ fn a_damaged_form_leaves_the_other_one() {
         assert_eq!(scene.images[0].texels, [[9, 9, 9, 255]], "{extension}");
         assert!(scene.materials[0].texture_infos().next().is_some());
         assert!(scene.notes.iter().any(|note| note.contains("is left out")), "{:?}", scene.notes);
+        // So does one that is equal to another image, which is the one that is decoded.
+        let mut twice = file.clone();
+        let image = twice.json["images"][1].clone();
+        twice.json["images"].as_array_mut().unwrap().push(image);
+        twice.json["textures"][0]["extensions"][extension]["source"] = json!(2);
+        assert_eq!(twice.load_with(&lenient).unwrap().images[0].texels, [[9, 9, 9, 255]], "{extension}");
     }
 }
 
@@ -489,6 +495,16 @@ fn bad_draco_is_refused() {
         refused(&|f| f.json["accessors"][indices]["componentType"] = json!(5120)),
         format!("/accessors/{indices}")
     );
+    for (key, value) in [("type", json!("VEC3")), ("componentType", json!(5126))] {
+        assert_eq!(refused(&|f| f.json["accessors"][indices][key] = value.clone()), format!("/accessors/{indices}"));
+    }
+    // Where all accessors have data of their own, nothing is decoded, not even a strip.
+    let mut plain = File::triangle();
+    let stream = json!({ "bufferView": 0, "attributes": { "POSITION": 0 } });
+    plain.json["meshes"][0]["primitives"][0]["mode"] = json!(5);
+    plain.json["meshes"][0]["primitives"][0]["extensions"] = json!({ "KHR_draco_mesh_compression": stream });
+    plain.json["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);
+    assert_eq!(plain.load().triangles.len(), 1);
     // Damage anywhere gives a mesh or an error, never a panic.
     for at in 0..good.bin.len() {
         for flip in [1, 0x80, 0xff] {

@@ -302,6 +302,16 @@ fn malformed_targets_are_refused() {
         refused(&|f| f.json["meshes"][0]["primitives"][0]["targets"] = json!([])),
         "/meshes/0/primitives/0/targets"
     );
+    // Weights that f32 cannot hold, of coordinates that stay and of positions that leave the range.
+    let mut file = morphed();
+    let still = file.floats(&[[0f32; 2]; 3]);
+    file.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = json!(still);
+    file.json["meshes"][0]["primitives"][0]["targets"] = json!([{ "TEXCOORD_0": still }, { "POSITION": 0 }]);
+    file.json["meshes"][0]["weights"] = json!([1e39, 0.0]);
+    assert!(file.load().vertices.iter().all(|vertex| vertex.uv[0] == glam::Vec2::ZERO));
+    file.json["meshes"][0]["weights"] = json!([0.0, 1e308]);
+    let error = file.load_with(&ImportOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("/accessors/0") && error.contains("out of range"), "{error}");
     // A lenient import leaves a primitive with NaN out.
     let mut file = morphed();
     let bad = file.floats(&[[f32::NAN; 3]; 3]);

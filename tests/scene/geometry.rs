@@ -241,6 +241,17 @@ fn objects_too_small_for_their_scene_are_noted() {
     assert_eq!(noted(1e5, true), [false; 3]);
 }
 
+/// World coordinates end before the scale of normalisation does.
+#[test]
+fn scenes_beyond_normalisation_are_refused() {
+    let mut file = File::triangle();
+    file.json["nodes"][0]["scale"] = json!([1e290, 1e290, 1e290]);
+    let corners = file.load().triangle_positions(0);
+    assert!(corners.iter().all(|corner| corner.length() <= 1.0), "{corners:?}");
+    file.json["nodes"][0]["scale"] = json!([1e305, 1e305, 1e305]);
+    assert_eq!(refused_at(&file), "/nodes/0");
+}
+
 #[test]
 fn normalisation_is_independent_of_position_and_scale() {
     let mut file = File::new();

@@ -122,12 +122,17 @@ fn textured(width: u32, height: u32, texels: &[[u8; 4]], uvs: [[f32; 2]; 3]) -> 
 }
 
 fn filtered(filter: u32, width: u32, height: u32, texels: &[[u8; 4]], uvs: [[f32; 2]; 3]) -> Scene {
+    lamp(8.0, filter, [width, height], texels, uvs)
+}
+
+/// A triangle that shines with that strength through a texture.
+fn lamp(strength: f32, filter: u32, [width, height]: [u32; 2], texels: &[[u8; 4]], uvs: [[f32; 2]; 3]) -> Scene {
     let mut file = File::new();
     let view = file.view(&png(width, height, texels));
     file.add("images", json!({ "bufferView": view, "mimeType": "image/png" }));
     file.add("samplers", json!({ "magFilter": filter }));
     file.add("textures", json!({ "source": 0, "sampler": 0 }));
-    let strength = json!({ "KHR_materials_emissive_strength": { "emissiveStrength": 8 } });
+    let strength = json!({ "KHR_materials_emissive_strength": { "emissiveStrength": strength } });
     file.add(
         "materials",
         json!({ "emissiveFactor": [1, 1, 1], "emissiveTexture": { "index": 0 }, "extensions": strength }),
@@ -142,6 +147,13 @@ fn filtered(filter: u32, width: u32, height: u32, texels: &[[u8; 4]], uvs: [[f32
 
 const BLACK: [u8; 4] = [0, 0, 0, 255];
 const WHITE: [u8; 4] = [255; 4];
+
+/// The brightest lamps of f32 are as bright through a texture.
+#[test]
+fn bright_textured_emitters_do_not_overflow() {
+    let scene = lamp(1e38, 9729, [1, 1], &[WHITE], [[0., 0.], [1., 0.], [0., 1.]]);
+    assert_eq!(emitters(&scene, 0)[0].radiance, Vec3::splat(1e38));
+}
 
 #[test]
 fn textured_emitters_emit_their_mean() {

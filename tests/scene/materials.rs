@@ -423,16 +423,20 @@ fn diffuse_transmission_and_dispersion() {
 /// A volume whose surface rays may pass by its alpha is not absorbed right, and the import says so.
 #[test]
 fn volumes_with_alpha_are_noted() {
-    let notes = |material: Value| {
+    let notes_of = |material: Value, alpha: f32| {
         let mut material = material;
         material["name"] = json!("jelly");
         material["extensions"] = json!({
             "KHR_materials_transmission": { "transmissionFactor": 1 },
             "KHR_materials_volume": { "thicknessFactor": 1 },
         });
-        let scene = with_material(material, 1).load();
+        let mut file = with_material(material, 1);
+        let colours = file.floats(&[[1f32, 1., 1., alpha]; 3]);
+        file.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(colours);
+        let scene = file.load();
         scene.notes.iter().filter(|note| note.starts_with("material \"jelly\" has a volume")).count()
     };
+    let notes = |material: Value| notes_of(material, 1.0);
     let factor = |alpha: f64| json!({ "baseColorFactor": [1, 1, 1, alpha] });
     let texture = || json!({ "baseColorTexture": { "index": 0 } });
     assert_eq!(notes(json!({ "alphaMode": "BLEND", "pbrMetallicRoughness": factor(0.5) })), 1);
@@ -441,6 +445,7 @@ fn volumes_with_alpha_are_noted() {
     assert_eq!(notes(json!({ "alphaMode": "MASK", "pbrMetallicRoughness": texture() })), 1);
     assert_eq!(notes(json!({ "alphaMode": "MASK", "pbrMetallicRoughness": factor(0.6) })), 0);
     assert_eq!(notes(json!({ "alphaMode": "OPAQUE", "pbrMetallicRoughness": factor(0.5) })), 0);
+    assert_eq!(["BLEND", "OPAQUE"].map(|mode| notes_of(json!({ "alphaMode": mode }), 0.5)), [1, 0]);
 }
 
 /// The corners of a cube with the given centre and half of its side, as triangles of three positions each.

@@ -133,6 +133,11 @@ fn bad_extensions_are_refused_where_they_are_bad() {
         let problem = with(key, value.clone());
         assert!(problem.contains(expected), "{key} {value}: {problem}");
     }
+    // A mesh without a material has another one than those of the file.
+    let mut mesh = file(sphere(json!({ "material": 0 })), json!({}));
+    mesh.mesh(&[[0.; 3], [4., 0., 0.], [0., 2., 0.]], json!({}));
+    let error = mesh.load_with(&ImportOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("material 0 of 0"), "{error}");
     let flat = file(sphere(json!({})), json!({ "scale": [1, 0, 1] })).load_with(&ImportOptions::default());
     assert!(flat.unwrap_err().to_string().contains("scaled to nothing"));
     let boundless = refused(sphere(json!({ "min": [-3e38, -3e38, -3e38], "max": [3e38, 3e38, 3e38] })));
