@@ -48,6 +48,7 @@ def test_errors_of_files_are_the_librarys(tmp_path):
         ({"samples": (0, 8, 16)}, "^samples is "),
         ({"direction": (0.0,)}, "^direction is "),
         ({"device": "no such device"}, "no such device"),
+        ({"oidn_library": "missing.so"}, "^oidn_library missing.so is used only with denoise"),
     ],
 )
 def test_errors_of_keywords_name_the_keyword(box, keywords, message):

@@ -176,10 +176,11 @@ def test_progress_and_an_early_end(box, device):
 
 
 def test_samples_are_the_mean_over_the_pixels_as_in_files(box, device, tmp_path):
-    adaptive = box.render(width=32, height=32, spp=32, sampling="adaptive", max_bounces=0, device=device)
+    adaptive = box.render(width=32, height=32, spp=64, noise=0.01, max_bounces=0, device=device)
     adaptive.save(tmp_path / "adaptive.exr")
     assert penumbra.read(tmp_path / "adaptive.exr").samples == adaptive.samples
-    assert adaptive.samples == round(adaptive.statistics["mean_samples"]) < adaptive.statistics["samples"]
+    assert abs(adaptive.samples - adaptive.statistics["mean_samples"]) <= 0.5
+    assert adaptive.samples < adaptive.statistics["samples"]
 
 
 def test_scenes_tell_what_they_are(box, scenes):
