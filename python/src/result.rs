@@ -50,11 +50,7 @@ impl RenderResult {
     /// What a view shows: the denoised image if there is one.
     fn encode(&self, py: Python<'_>, view: &str, exposure: f32) -> PyResult<Vec<u8>> {
         let view = checked(view, exposure)?;
-        let shown = || match self.rendered.denoised() {
-            Some(denoised) => denoised.to_png(view, exposure),
-            None => self.rendered.to_png(view, exposure),
-        };
-        detached(py, shown)?.map_err(of_library)
+        detached(py, || self.rendered.shown().to_png(view, exposure))?.map_err(of_library)
     }
 }
 
@@ -111,12 +107,7 @@ impl RenderResult {
     #[pyo3(signature = (path, *, view = "neutral", exposure = 0.0))]
     fn save(&self, py: Python<'_>, path: PathBuf, view: &str, exposure: f32) -> PyResult<()> {
         let view = checked(view, exposure)?;
-        let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
-        let write = || match self.rendered.denoised().filter(|_| !is_exr) {
-            Some(denoised) => denoised.write(&path, view, exposure),
-            None => self.rendered.write(&path, view, exposure),
-        };
-        detached(py, write)?.map_err(of_library)
+        detached(py, || self.rendered.write_shown(&path, view, exposure))?.map_err(of_library)
     }
 
     /// A PNG of the image, or of the denoised image if there is one, tone-mapped by a view (neutral, agx, standard or

@@ -212,7 +212,7 @@ impl Arguments {
             }
             let image = Image::read(&file).map_err(|problem| problem.to_string())?;
             // If the flags of a case denoise the image, the denoised image is compared.
-            Ok(image.denoised().unwrap_or(image))
+            Ok(image.shown().into_owned())
         };
         let first = render(1);
         let seconds = start.elapsed().as_secs_f64();

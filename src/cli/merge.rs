@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use penumbra::internal::render::film::{self, View};
+use penumbra::internal::render::film::{self, View, is_exr};
 use penumbra::internal::render::pieces::{MissingSamples, Pieces};
 use penumbra::settings::Denoise;
 use penumbra::{Error, Result};
 
 use super::options::{DeviceOptions, OidnOptions, denoisers, finite};
-use super::render::{both, is_exr};
+use super::render::both;
 use super::{Ending, say};
 
 /// Parts that a message names; the others are counted, because a sequence may lack hundreds.
@@ -81,11 +81,9 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
             pieces.merge_denoised(&arguments.device.open()?, &denoiser)?
         }
     };
-    let denoised = if shows { image.denoised() } else { None };
     let mut result = Ok(());
     for path in &arguments.output {
-        let shown = denoised.as_ref().filter(|_| !is_exr(path)).unwrap_or(&image);
-        let outcome = shown.write(path, arguments.view, arguments.exposure);
+        let outcome = image.write_shown(path, arguments.view, arguments.exposure);
         if outcome.is_ok() && !arguments.quiet {
             say(format_args!("wrote {}", path.display()));
         }

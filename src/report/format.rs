@@ -1,4 +1,4 @@
-//! Numbers as text.
+//! Numbers as text, and text in HTML.
 
 /// A number without trailing zeros: decimal from 0.01 up to 10,000, otherwise one digit and an exponent.
 pub(super) fn number(x: f64) -> String {
@@ -15,4 +15,9 @@ pub(super) fn grouped(number: u64) -> String {
     let digits = number.to_string();
     let groups: Vec<_> = digits.as_bytes().rchunks(3).rev().map(String::from_utf8_lossy).collect();
     groups.join(",")
+}
+
+/// Text in HTML.
+pub(super) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

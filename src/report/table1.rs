@@ -7,7 +7,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use kernel_kit::Gpu;
 
-use super::format::{grouped, percent};
+use super::format::{escaped, grouped, percent};
 use super::metrics;
 use crate::render::film::View;
 use crate::scene::ImportOptions;
@@ -327,7 +327,7 @@ pub fn notes(options: &Options) -> Vec<&'static str> {
 pub fn page(comparisons: &[Comparison], options: &Options) -> Result<String> {
     let mut html = String::from(HEAD);
     if let Some(Render { statistics, .. }) = comparisons.first().map(|comparison| &comparison.renders[0]) {
-        let device = statistics.device.name.replace('&', "&amp;").replace('<', "&lt;");
+        let device = escaped(&statistics.device.name);
         let _ = writeln!(html, "<p>Penumbra {}, on {device}.</p>", statistics.version);
     }
     for comparison in comparisons {

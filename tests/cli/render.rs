@@ -345,7 +345,7 @@ fn checkpoints_of_something_else_are_refused() {
     // The numbers of the header are part of the digest: otherwise the image would be 4.5 times too dark.
     let mut samples = good.clone();
     samples[at(&good, "\"samples\":")] = b'9';
-    // A forged file with a valid digest: more samples than the render has.
+    // A forged file with a valid digest has a stage of indirect light that does not exist.
     // The first line tells the version. The digest of all that follows comes next, then the header's length.
     let digest_at = at(&good, "\n");
     let rest_at = digest_at + 32;
@@ -354,9 +354,16 @@ fn checkpoints_of_something_else_are_refused() {
         bytes[digest_at..rest_at].copy_from_slice(digest.as_bytes());
         bytes
     };
+    let stages = at(&good, "\"later_stages\":[");
+    let stage = if good[stages] == b']' { "99" } else { "99," };
+    let mut forged = good.clone();
+    forged.splice(stages..stages, stage.bytes());
+    let length = &mut forged[rest_at..rest_at + 8];
+    let longer = u64::from_le_bytes(length.try_into().unwrap()) + stage.len() as u64;
+    length.copy_from_slice(&longer.to_le_bytes());
     let cases = [
         (samples.clone(), "damaged"),
-        (whole(samples), "damaged"),
+        (whole(forged), "damaged"),
         (other, "version"),
         (flipped, "damaged"),
         (good[..good.len() - 4].to_vec(), "damaged"),

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use penumbra::internal::render::Checkpoint;
-use penumbra::internal::render::film::{self, View};
+use penumbra::internal::render::film::{self, View, is_exr};
 use penumbra::settings::Denoise;
 use penumbra::{Denoiser, Error, Image, Result};
 
-use super::files::{Files, is_exr};
+use super::files::Files;
 use crate::cli::options::{
     DeviceOptions, ExtentOptions, OidnOptions, RenderOptions, SceneOptions, denoisers, finite, positive,
 };

@@ -26,11 +26,8 @@ impl Files {
     /// disk does not lose the render.
     pub fn write_images(&self, image: &Image, view: View, exposure: f32, quiet: bool) -> Result<()> {
         let mut result = Ok(());
-        let denoised = if self.outputs.iter().all(|path| is_exr(path)) { None } else { image.denoised() };
         for path in &self.outputs {
-            // An .exr has all channels; a .png shows one picture.
-            let shown = denoised.as_ref().filter(|_| !is_exr(path)).unwrap_or(image);
-            let outcome = write_in_folder(path, || shown.write(path, view, exposure));
+            let outcome = write_in_folder(path, || image.write_shown(path, view, exposure));
             if outcome.is_ok() && !quiet {
                 say(format_args!("wrote {}", path.display()));
             }
@@ -104,10 +101,6 @@ pub fn both(first: Result<()>, second: Result<()>) -> Result<()> {
         }
         (first, second) => first.and(second),
     }
-}
-
-pub fn is_exr(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
 }
 
 #[cfg(all(test, unix))]

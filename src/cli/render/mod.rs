@@ -24,7 +24,7 @@ use technique::{choose_technique, fit_denoiser};
 use times::Times;
 
 pub use arguments::Arguments;
-pub use files::{both, is_exr, rescue, temporary_folder, with_remark};
+pub use files::{both, rescue, temporary_folder, with_remark};
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let started = Instant::now();

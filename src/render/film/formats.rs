@@ -51,6 +51,20 @@ impl Image {
             Format::Png => self.write_png(path, view, exposure_ev),
         }
     }
+
+    /// As [`write`](Self::write), but a `.png` has the [`shown`](Self::shown) image.
+    ///
+    /// # Errors
+    /// Those of [`write`](Self::write).
+    pub fn write_shown(&self, path: impl AsRef<Path>, view: View, exposure_ev: f32) -> Result<()> {
+        let path = path.as_ref();
+        if is_exr(path) { self.write(path, view, exposure_ev) } else { self.shown().write(path, view, exposure_ev) }
+    }
+}
+
+/// Whether a path has the extension of OpenEXR.
+pub fn is_exr(path: &Path) -> bool {
+    extension(path) == "exr"
 }
 
 /// Checks that an image can be written to `path`, so that a render does not fail at its end. An existing file is not

@@ -1,5 +1,7 @@
 //! The image: named channels of scene-linear f32, and metadata.
 
+use std::borrow::Cow;
+
 /// An image. Its channels have the same size, with rows from top to bottom.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image {
@@ -82,6 +84,11 @@ impl Image {
     pub fn rgb(&self) -> std::result::Result<[&[f32]; 3], &'static str> {
         let find = |name| self.channel(name).ok_or(name);
         Ok([find("R")?, find("G")?, find("B")?])
+    }
+
+    /// The image to show: the denoised one if there is one.
+    pub fn shown(&self) -> Cow<'_, Image> {
+        self.denoised().map_or(Cow::Borrowed(self), Cow::Owned)
     }
 
     /// The image with its channels `denoised.R`, `denoised.G` and `denoised.B` in place of `R`, `G` and `B`; `None` if

@@ -9,6 +9,7 @@ use base64::engine::general_purpose::STANDARD;
 use super::comparison::Comparison;
 use super::outcome::{Finding, Outcome};
 use crate::render::film::{Image, encode_colours};
+use crate::report::format::escaped;
 use crate::report::metrics::display;
 use crate::{Error, Result};
 
@@ -126,9 +127,4 @@ fn png(size: [u32; 2], colours: &[u8]) -> Result<String> {
     let mut bytes = Vec::new();
     encode_colours(&mut bytes, size, colours).map_err(|problem| Error::output("check.html", problem))?;
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
-}
-
-/// Text in HTML.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::picture::Viewpoint;
 use super::state::{Loaded, State};
-use crate::render::film::{check_names, check_writable, is_same_file, write_atomically, write_colours};
+use crate::render::film::{check_names, check_writable, is_exr, is_same_file, write_atomically, write_colours};
 use crate::scene::{AddedCamera, with_camera};
 use crate::view::overlay::Overlay;
 use crate::{Error, Result};
@@ -15,14 +15,13 @@ impl State {
     pub(super) fn save(&self, path: &Path) -> Result<String> {
         let Some(image) = &self.image else { return Ok("there is no picture yet".to_owned()) };
         self.check_kept(path, None)?;
-        let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let display = self.choices.display;
         // An .exr has all channels, a .png what is shown.
-        if !is_exr && display.overlay != Overlay::Picture {
+        if !is_exr(path) && display.overlay != Overlay::Picture {
             check_writable(path)?;
             write_colours(path, self.size, &self.pixels)?;
         } else {
-            let denoised = display.denoised_of(image).filter(|_| !is_exr);
+            let denoised = display.denoised_of(image).filter(|_| !is_exr(path));
             denoised.as_ref().unwrap_or(image).write(path, display.view, display.exposure)?;
         }
         Ok(format!("wrote {}", path.display()))
