@@ -190,20 +190,23 @@ class _Assembly:
         name = self.output if piece.frame is None else self.output.replace("{frame}", f"{piece.frame:0{_DIGITS}}")
         files = self.files.setdefault(piece.frame, [])
         files.append(self.folder / f"{piece.frame}-{len(files)}.exr")
-        files[-1].write_bytes(data)
-        if len(files) < self.cuts:
-            return
         try:
+            files[-1].write_bytes(data)
+            if len(files) < self.cuts:
+                return
             if self.whole:
                 penumbra.read(files[0]).save(name)
             else:
                 penumbra.merge(files, **self.denoise).save(name)
-        except penumbra.Error as problem:
+        except (penumbra.Error, OSError, KeyboardInterrupt) as problem:
             # A full disk, for instance: the work of the cluster stays.
             kept = tempfile.mkdtemp(prefix="penumbra-pieces-")
-            for file in files:
+            for file in self.folder.iterdir():
                 shutil.move(file, kept)
-            raise penumbra.Error(f"{problem}; the pieces of the image are in {kept}, for penumbra.merge") from problem
+            remark = f"the pieces that have come are in {kept}, for penumbra.merge"
+            if isinstance(problem, KeyboardInterrupt):
+                raise KeyboardInterrupt(remark) from problem
+            raise penumbra.Error(f"{problem}; {remark}") from problem
         for file in self.files.pop(piece.frame):
             file.unlink()
 
@@ -274,12 +277,16 @@ def _unpack(sent: _Sent) -> tuple[str, str | None]:
         digest.update(data)
     folder = pathlib.Path(_folder.name).resolve() / digest.hexdigest()
     if not folder.exists():
+        # Under another name until it is complete.
+        part = folder.with_suffix(".part")
+        shutil.rmtree(part, ignore_errors=True)
         for name, data in sent.files.items():
-            target = (folder / name).resolve()
-            if not target.is_relative_to(folder):
+            target = (part / name).resolve()
+            if not target.is_relative_to(part):
                 raise penumbra.Error(f"{name} is outside the folder of the scene, so it cannot be sent")
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(data)
+        part.rename(folder)
     return str(folder / sent.scene), sent.environment and str(folder / sent.environment)
 
 

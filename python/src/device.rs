@@ -55,13 +55,17 @@ thread_local! {
 pub struct Turn<'a>(MutexGuard<'a, Device>);
 
 impl<'a> Turn<'a> {
-    /// Waits for the renders of other threads.
-    pub fn take(device: &'a Shared) -> penumbra::Result<Turn<'a>> {
+    /// Waits for the renders of other threads. A device that failed in one of them is replaced: one that lacked memory
+    /// once refuses all later work.
+    pub fn take(device: &'a Shared, choice: &DeviceChoice) -> penumbra::Result<Turn<'a>> {
         if RENDERS.get() {
             let problem = "a progress callback cannot use a device: its render holds one until the callback returns";
             return Err(penumbra::Error::Usage(problem.into()));
         }
-        let guard = lock(device);
+        let mut guard = lock(device);
+        if guard.check("device").is_err() {
+            *guard = open_anew(choice)?;
+        }
         RENDERS.set(true);
         Ok(Turn(guard))
     }
@@ -102,11 +106,7 @@ pub fn choice(value: Option<&Bound<'_, PyAny>>) -> PyResult<DeviceChoice> {
 /// The device of that choice, which keeps its kernels: notebooks render the same scene again and again.
 pub fn open(choice: &DeviceChoice) -> penumbra::Result<Shared> {
     let mut all = lock(&OPEN);
-    if let Some(open) = all.iter_mut().find(|open| open.choice == *choice) {
-        // A device that lacked memory once refuses all later work; one that renders now is not looked at.
-        if open.device.try_lock().is_ok_and(|device| device.check("device").is_err()) {
-            open.device = Arc::new(Mutex::new(open_anew(choice)?));
-        }
+    if let Some(open) = all.iter().find(|open| open.choice == *choice) {
         return Ok(open.device.clone());
     }
     let device = Arc::new(Mutex::new(open_anew(choice)?));

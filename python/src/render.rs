@@ -155,7 +155,7 @@ fn render(job: &Job, time: Option<Duration>, notes: &mut Vec<String>) -> Result<
     let choice = if is_piece { Denoise::None } else { job.settings.image.denoise };
     let denoiser = Denoiser::new(choice, job.oidn_library.as_deref())?;
     let shared = open(&job.device)?;
-    let mut device = Turn::take(&shared)?;
+    let mut device = Turn::take(&shared, &job.device)?;
     let start = started.elapsed().as_secs_f64();
     // A time that no clock reaches is no limit.
     let deadline = time.and_then(|time| started.checked_add(time));

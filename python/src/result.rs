@@ -180,7 +180,7 @@ pub fn merge(
             _ => {
                 let denoiser = Denoiser::new(denoise, oidn_library.as_deref())?;
                 let shared = open(&device)?;
-                let device = Turn::take(&shared)?;
+                let device = Turn::take(&shared, &device)?;
                 files.merge_denoised(&device, &denoiser)
             }
         }

@@ -39,7 +39,7 @@ while [[ $1 == --* ]]; do
     case $1 in
         --array=*) array=${1#--array=} ;;
         --dependency=*) [[ ! -e $LOG.failed ]] || exit 1 ;;
-        --wrap=*) bash -c "${1#--wrap=}" >&2; echo 2; exit ;;
+        --wrap=*) sh -c "${1#--wrap=}" >&2; echo 2; exit ;;
     esac
     shift
 done
@@ -61,22 +61,24 @@ def slurm(folder):
 
 def test_a_slurm_array_renders_and_merges(scenes, device, tmp_path):
     environment = slurm(tmp_path)
-    output = tmp_path / "an image.exr"
+    output = tmp_path / "ein schönes Bild's.exr"
     script = scenes.parent / "scripts/farm/slurm"
     sizes = ["--ranges", "3", "--spp", "7", "--sbatch", "--time=60 --gres=gpu:1"]
     command = [script, *sizes, scenes / "box.glb", output, *FLAGS, "--device", device]
     subprocess.run(command, check=True, env=environment)
     assert penumbra.read(output).image.tobytes() == expected(scenes, device, tmp_path, 7)
     calls = (tmp_path / "log").read_text().splitlines()
-    assert len(calls) == 2 and "--array=0-2 --time=60 --gres=gpu:1" in calls[0] and "afterok:1" in calls[1]
-    pieces = tmp_path / "an image.exr.pieces"
+    assert len(calls) == 2 and "--array=0-2 --time=60 --gres=gpu:1" in calls[0]
+    assert "afterok:1 --time=60 --gres=gpu:1" in calls[1]
+    pieces = tmp_path / "ein schönes Bild's.exr.pieces"
     names = [f"{piece}.{kind}" for piece in range(3) for kind in ("exr", "json")]
     assert sorted(path.name for path in pieces.iterdir()) == names
     # A second submission renders only what is missing.
     before = (pieces / "0.exr").stat().st_mtime_ns
     (pieces / "1.exr").unlink()
     output.unlink()
-    subprocess.run(command, check=True, env=environment)
+    subprocess.run([script, "--sbatch-merge", "--time=5", *command[1:]], check=True, env=environment)
+    assert "afterok:1 --time=5 --wrap" in (tmp_path / "log").read_text()
     assert penumbra.read(output).image.tobytes() == expected(scenes, device, tmp_path, 7)
     assert (pieces / "0.exr").stat().st_mtime_ns == before
     # A task that fails lets nothing be merged.
@@ -86,6 +88,8 @@ def test_a_slurm_array_renders_and_merges(scenes, device, tmp_path):
     assert failed.returncode != 0 and "--nearest" in failed.stderr and not output.exists()
     for wrong, message in [
         ("--ranges 9 --spp 4 x.glb y.exr", "from 1 to 4"),
+        ("--spp 010 x.glb y.exr", "--spp 010"),
+        ("--spp 1e3 x.glb y.exr", "--spp 1e3"),
         ("--tiles 2x2 x.glb y.exr --width 8", "--width and --height"),
         ("--tiles 2 x.glb y.exr --width 8 --height 8", "columns and rows"),
         ("--tiles 9x2 x.glb y.exr --width=8 --height=8", "than pixels in 8 x 8"),

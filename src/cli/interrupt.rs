@@ -56,10 +56,23 @@ impl State {
 /// that nohup started.
 #[cfg(unix)]
 fn listen() {
+    use std::time::{Duration, Instant};
+
     use signal_hook::consts::{SIGINT, SIGTERM};
+
+    // Time after a signal in which SIGTERM is the same signal again: Slurm sends it to all processes of a job, and the
+    // job's script passes it on at once.
+    const SAME: Duration = Duration::from_millis(500);
+
     if let Ok(mut signals) = signal_hook::iterator::Signals::new([SIGINT, SIGTERM]) {
         std::thread::spawn(move || {
+            let mut last: Option<Instant> = None;
             for signal in signals.forever() {
+                let is_same = signal == SIGTERM && last.is_some_and(|last| last.elapsed() < SAME);
+                last = Some(Instant::now());
+                if is_same {
+                    continue;
+                }
                 if STATE.ends_the_process() {
                     // Without running exit handlers: those of drivers would release what other threads still use.
                     signal_hook::low_level::exit(128 + signal);

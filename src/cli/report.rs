@@ -115,6 +115,11 @@ const SHARE_BESIDE_RUNS: f64 = 0.1;
 const FILES: [&str; 7] =
     ["report.json", "report.csv", "report.html", "error.svg", "rays.svg", "passes.svg", "reference.exr"];
 
+/// The plots of a sweep of a setting.
+fn sweep_files(setting: &str) -> [String; 2] {
+    ["sweep", "savings"].map(|plot| format!("{plot}-{setting}.svg"))
+}
+
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let interrupt = Interrupt::listen();
     arguments.check()?;
@@ -479,6 +484,10 @@ impl Arguments {
                 other => other,
             })?;
         }
+        let settings: Vec<&str> = self.sweep.iter().map(sweep::Range::setting).collect();
+        if let Some(i) = (1..settings.len()).find(|i| settings[..*i].contains(&settings[*i])) {
+            return Err(Error::Usage(format!("--sweep: there are two ranges of {}", settings[i])));
+        }
         if let Some(repeats) = self.repeats.filter(|repeats| *repeats < MIN_REPEATS) {
             return Err(Error::Usage(format!("--repeats is {repeats}; it must be {MIN_REPEATS} or more")));
         }
@@ -489,7 +498,9 @@ impl Arguments {
     fn folder(&self) -> Result<Folder<'_>> {
         let folder = Folder { path: &self.output, made: !self.output.exists() };
         make_folder(folder.path)?;
-        FILES.iter().try_for_each(|name| film::check_target(folder.path.join(name)))?;
+        let plots = self.sweep.iter().flat_map(|range| sweep_files(range.setting()));
+        let names = FILES.iter().map(|name| (*name).to_owned()).chain(plots);
+        names.into_iter().try_for_each(|name| film::check_target(folder.path.join(name)))?;
         Ok(folder)
     }
 
@@ -510,9 +521,9 @@ impl Arguments {
         draw(&rays, plot::error_over_rays(report));
         draw(&passes, plot::time_by_pass(report));
         for sweep in &report.sweeps {
-            let setting = sweep.setting.name();
-            draw(&self.output.join(format!("sweep-{setting}.svg")), plot::sweep(sweep));
-            draw(&self.output.join(format!("savings-{setting}.svg")), plot::savings(sweep));
+            let [classes, savings] = sweep_files(sweep.setting.name()).map(|name| self.output.join(name));
+            draw(&classes, plot::sweep(sweep));
+            draw(&savings, plot::savings(sweep));
         }
         outcomes.push(reference.image.write_exr(&image));
         self.conclude(report);

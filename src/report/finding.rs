@@ -88,8 +88,13 @@ pub(super) fn brightness(images: &[&Image], reference: &Reference) -> Interval {
     }
     let ratios: Vec<f64> = images.iter().map(|image| sum(image) / truth - 1.0).collect();
     let interval = Interval::of_mean(&ratios);
-    let variances = ["R", "G", "B"].iter().filter_map(|name| reference.image.channel(&variance(name)));
-    let error = variances.flatten().map(|v| f64::from(*v)).sum::<f64>().sqrt() / truth;
+    let deviations = ["R", "G", "B"].iter().filter_map(|name| reference.image.channel(&variance(name)));
+    let mut of_pixels = vec![0.0; reference.image.pixels()];
+    for channel in deviations {
+        of_pixels.iter_mut().zip(channel).for_each(|(sum, variance)| *sum += f64::from(*variance).sqrt());
+    }
+    // The channels of a pixel have their light from the same paths, so their errors add up.
+    let error = of_pixels.iter().map(|deviation| deviation * deviation).sum::<f64>().sqrt() / truth;
     // The reference's sum is over very many independent pixels, so its error is normal.
     let half = (interval.high - interval.value).hypot(NORMAL_QUANTILE * error);
     Interval { low: interval.value - half, high: interval.value + half, ..interval }

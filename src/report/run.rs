@@ -124,7 +124,7 @@ impl Starter {
     /// The driver compiles every kernel on first use and caches it. That can take many times as long as later runs, and
     /// is no property of the entrant. If the first sample takes longer than the longest of the `budgets` (seconds,
     /// ascending), the second is skipped: no timed run will have an image in time. `auto` does so with each technique
-    /// that it takes.
+    /// and each distribution of samples that it takes.
     ///
     /// # Errors
     /// As [`Renderer::new`], [`Renderer::render_batch`] and [`Renderer::add_denoised`].
@@ -135,8 +135,10 @@ impl Starter {
         // The choice for the longest budget is repeated at the end, when the time of the denoiser is known.
         for &budget in budgets.iter().rev().chain(budgets.last()) {
             let settings = self.settings(subject, subject.settings.image.seed, budget - self.denoise);
-            if !warm.contains(&settings.technique) {
-                warm.push(settings.technique);
+            // Adaptive sampling has kernels of its own.
+            let kernels = (settings.technique, settings.image.sampling);
+            if !warm.contains(&kernels) {
+                warm.push(kernels);
                 self.warm_up_with(subject, &settings, longest)?;
             }
         }

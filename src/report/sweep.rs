@@ -92,6 +92,11 @@ impl FromStr for Range {
 }
 
 impl Range {
+    /// The name of the setting.
+    pub fn setting(&self) -> &'static str {
+        self.swept.name()
+    }
+
     /// The values, ascending.
     fn values(&self) -> Vec<u32> {
         let [from, to] = [self.from, self.to].map(f64::from);

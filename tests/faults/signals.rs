@@ -50,6 +50,22 @@ fn a_signal_may_come_at_any_time() {
     assert!(written[1], "no signal came before there was something to write");
 }
 
+/// A SIGTERM that is sent to all processes and passed on by a script counts once: the image is written.
+#[test]
+fn a_signal_that_is_passed_on_counts_once() {
+    let folder = folder();
+    let requested: Vec<String> = (0..20).map(|i| format!("{i}.exr")).collect();
+    let outputs: Vec<_> = requested.iter().map(|name| folder.path().join(name)).collect();
+    let outputs: Vec<&Path> = outputs.iter().map(|path| path.as_path()).collect();
+    let (mut child, mut said, mut stderr) = begin(SMALL, &outputs);
+    signal(&child, "-TERM");
+    signal(&child, "-TERM");
+    stderr.read_to_string(&mut said).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
+    assert_eq!(names(folder.path()).len(), requested.len(), "{said}");
+    assert_whole(folder.path(), &requested);
+}
+
 /// Commands that have no image to save end at once, too, after their temporary files are removed: so a signal is no
 /// default action, but has an exit code.
 #[test]

@@ -115,7 +115,7 @@ impl Gpu {
     }
 
     /// Takes a device that the caller has opened. The parameters of kernels are immediates if it was opened with the
-    /// feature `IMMEDIATES` and a `max_immediate_size` that holds them, else they are in a uniform buffer. Passes are
+    /// feature `IMMEDIATES`, whose `max_immediate_size` must hold them; else they are in a uniform buffer. Passes are
     /// timed if it was opened with `TIMESTAMP_QUERY`, and kernels may use subgroups if it was opened with `SUBGROUP`.
     /// The kit replaces the device's callbacks for uncaptured errors and for its loss: [`Gpu::check`] returns the
     /// errors that they received.

@@ -46,15 +46,15 @@ pub struct RenderOptions {
     )]
     pub spp: Option<u32>,
 
-    /// How samples are distributed over the pixels, unless --noise decides it [default: uniform; with --time, but
-    /// without --technique and --checkpoint, adaptive on a software device if the time is enough for several samples]
+    /// How samples are distributed over the pixels, unless --noise decides it [default: uniform; for `render --time`
+    /// without a technique or a checkpoint, adaptive on a software device if the time is enough for several samples]
     #[arg(long, value_name = "SAMPLING", value_parser = samplings())]
     sampling: Option<Sampling>,
 
     /// Render until the estimated relMSE (squared error relative to the brightness) of every block of 8 x 8 pixels is T
-    /// or less: samples go where the image is noisiest; with --denoise, where the denoised image is. The estimate
-    /// leaves out the error of indirect light that all samples share. --spp is then only an upper limit for each pixel;
-    /// by default, `render` does not limit the number of samples
+    /// or less: samples go where the image is noisiest, or the denoised image if there is one. The estimate leaves out
+    /// the error of indirect light that all samples share. --spp is then only an upper limit for each pixel; by
+    /// default, `render` does not limit the number of samples
     #[arg(long, value_name = "T", value_parser = positive)]
     pub noise: Option<f64>,
 
