@@ -210,7 +210,8 @@ fn sample_list(i: u32, lane: u32, list: u32, point: Point, u: f32) -> u32 {
     for (var entry = 0u; entry < ZONE_LIGHTS && sampled < max_sampled; entry++) {
         let probability = min(factor * weights[weight_index(entry, lane)], 1.0);
         cumulative += probability;
-        if cumulative > f32(sampled) + u {
+        // Rounding may bring the sum to the threshold at a light that has none.
+        if probability > 0.0 && cumulative > f32(sampled) + u {
             write_sample(sampled, i, list_word(list, entry) & 0xffffu, 1.0 / probability);
             sampled++;
         }

@@ -13,6 +13,7 @@ use std::cell::OnceCell;
 
 use glam::Vec3;
 use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat, bindings};
+use rayon::prelude::*;
 
 use super::bounds::bounding_sphere_of_scene;
 use super::environment::GpuEnvironment;
@@ -132,7 +133,10 @@ impl LitScene<'_> {
     /// A sphere around the scene, for the lights that are infinitely far away. All of them share it: for ten thousand
     /// vertices, computing it takes as long as packing a hundred lights.
     fn sphere(&self) -> (Vec3, f32) {
-        *self.sphere.get_or_init(|| bounding_sphere_of_scene(self.scene.placed_vertices()))
+        *self.sphere.get_or_init(|| {
+            let objects = self.scene.procedurals.par_iter().flat_map_iter(|object| object.corners());
+            bounding_sphere_of_scene(self.scene.placed_vertices().chain(objects))
+        })
     }
 }
 

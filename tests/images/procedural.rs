@@ -10,7 +10,7 @@ use penumbra::{Aov, Image, Scene, Settings, Technique};
 
 use crate::meshes::{camera, panorama, scene, square, surface};
 use crate::procedurals::{Object, place, sphere};
-use crate::setup::{deviation, mean_and_error, render_scene};
+use crate::setup::{deviation, mean, mean_and_error, render_scene};
 
 const SPONGE: &str = include_str!("../../scenes/procedural/menger.wgsl");
 
@@ -73,6 +73,29 @@ fn spheres_have_lamberts_shading() {
         }
         assert!(lit > 500 && wrong == 0 && blind == 0, "{role:?}: {lit} lit, {wrong} wrong, {blind} blind");
     }
+}
+
+/// Light from far away reaches procedural objects by photons as by paths, also where there is nothing else: one sphere
+/// lights another.
+#[test]
+fn photons_of_the_sun_reach_procedural_objects() {
+    let direction = Vec3::new(-0.5, -1.0, -0.5).normalize();
+    let light = LightKind::Directional { direction, irradiance: Vec3::ONE };
+    let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 0.8);
+    let render = |technique| {
+        let mut scene = scene(&[], vec![light.clone()]);
+        let spheres = [-0.35, 0.35].map(|x| sphere(Role::Intersection, at(DVec3::X * x, 0.33), surface(0.9, 0.0)));
+        place(&mut scene, &spheres);
+        let settings = settings(technique, 32, 64).with(|s| s.image.aovs.push(Aov::Indirect));
+        render_scene(scene, &view, &settings)
+    };
+    let ((paths, _), (photons, statistics)) = (render(Technique::PATH), render(Technique::TWO_PASS));
+    assert!(statistics.indirect.photons > 1000, "{:?}", statistics.indirect);
+    let off = deviation(mean_and_error(&paths, "G"), mean_and_error(&photons, "G"));
+    assert!(off < 4.0, "{off} standard errors");
+    let [(indirect, _), (all, error)] =
+        ["indirect.G", "G"].map(|name| (mean(&photons, name), mean_and_error(&paths, "G").1));
+    assert!(indirect > 10.0 * error, "indirect light of {indirect} of {all} does not show beside an error of {error}");
 }
 
 /// The white furnace: if all surfaces are white and the radiance of the sky is 1, it is 1 everywhere, even in the holes

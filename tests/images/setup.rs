@@ -50,7 +50,7 @@ pub fn settings(technique: Technique, [width, height]: [u32; 2], spp: u32, max_b
 }
 
 /// Mean of a channel.
-fn mean(image: &Image, channel: &str) -> f64 {
+pub fn mean(image: &Image, channel: &str) -> f64 {
     let samples = image.channel(channel).unwrap();
     samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64
 }
