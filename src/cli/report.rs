@@ -75,7 +75,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", help_heading = "Report")]
     repeats: Option<usize>,
 
-    /// Setting to sweep, photons or nearest, and its range, as in photons=1e3..1e6; may be given several times
+    /// Setting to sweep, photons or nearest, and its range, as in photons=1e3..1e6; may be given once for each
     #[arg(long, value_name = "RANGE", help_heading = "Report")]
     sweep: Vec<sweep::Range>,
 

@@ -244,6 +244,8 @@ fn references_that_cannot_be_used_are_refused_before_anything_is_rendered() {
         let arguments = format!("--budgets {budgets}");
         report(folder, &arguments).assert_refused(2, &["--budgets", "a finite number, more than 0"]);
     }
+    let twice = "--sweep photons=1e3..1e4 --sweep photons=1e4..1e6";
+    report(folder, twice).assert_refused(2, &["--sweep", "two ranges of photons"]);
     report(folder, "--techniques shadow-photon").assert_refused(2, &["shadow-photon'", "shadow-photons"]);
 
     let file = folder.join("file");
