@@ -1,7 +1,7 @@
 //! Signals at any time.
 
 use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
 use std::{fs, thread};
@@ -50,14 +50,23 @@ fn a_signal_may_come_at_any_time() {
     assert!(written[1], "no signal came before there was something to write");
 }
 
+/// That many images in a folder: their names and their paths.
+fn outputs(folder: &Path, count: usize) -> (Vec<String>, Vec<PathBuf>) {
+    let names: Vec<String> = (0..count).map(|i| format!("{i}.exr")).collect();
+    let paths = names.iter().map(|name| folder.join(name)).collect();
+    (names, paths)
+}
+
+fn paths(outputs: &[PathBuf]) -> Vec<&Path> {
+    outputs.iter().map(PathBuf::as_path).collect()
+}
+
 /// A SIGTERM that is sent to all processes and passed on by a script counts once: the image is written.
 #[test]
 fn a_signal_that_is_passed_on_counts_once() {
     let folder = folder();
-    let requested: Vec<String> = (0..20).map(|i| format!("{i}.exr")).collect();
-    let outputs: Vec<_> = requested.iter().map(|name| folder.path().join(name)).collect();
-    let outputs: Vec<&Path> = outputs.iter().map(|path| path.as_path()).collect();
-    let (mut child, mut said, mut stderr) = begin(SMALL, &outputs);
+    let (requested, outputs) = outputs(folder.path(), 20);
+    let (mut child, mut said, mut stderr) = begin(SMALL, &paths(&outputs));
     signal(&child, "-TERM");
     signal(&child, "-TERM");
     stderr.read_to_string(&mut said).unwrap();
@@ -84,11 +93,9 @@ fn a_signal_ends_every_command_with_its_code() {
 #[test]
 fn a_second_signal_ends_the_process_at_once() {
     let folder = folder();
-    let requested: Vec<String> = (0..40).map(|i| format!("{i}.exr")).collect();
-    let outputs: Vec<_> = requested.iter().map(|name| folder.path().join(name)).collect();
-    let outputs: Vec<&Path> = outputs.iter().map(|path| path.as_path()).collect();
+    let (requested, outputs) = outputs(folder.path(), 40);
     let large = "--width 256 --height 256 --photons 4096 --max-bounces 0 --aov all";
-    let (mut child, mut said, mut stderr) = begin(large, &outputs);
+    let (mut child, mut said, mut stderr) = begin(large, &paths(&outputs));
     signal(&child, "-INT");
     while !said.contains("wrote") {
         assert!(stderr.read_line(&mut said).unwrap() > 0, "it ended before it wrote: {said}");
