@@ -1,8 +1,8 @@
 // flux: traces the photons that carry flux, for the global map and the caustic map (paper, "Extending the photon map";
-// Jensen 1996). Each ray leaves a light with its share of the light's power. The ray stores a photon at every diffuse
-// surface that it hits; then the BSDF scatters it, or Russian roulette ends it. With the feature `negative_photons`, a
-// ray from a light stores no photon at its first hit, but shadow photons at all hits behind it. If `caustics_only` is
-// 1, a ray stores a photon only after one bounce or more, all of them at focusing surfaces.
+// Jensen 1996). Each ray leaves a light with its share of the light's power. The ray stores a photon at every surface
+// that it hits and that may be diffuse; then the BSDF scatters it, or Russian roulette ends it. With the feature
+// `negative_photons`, a ray from a light stores no photon at its first hit, but shadow photons at all hits behind it.
+// If `caustics_only` is 1, a ray stores a photon only after one bounce or more, all of them at focusing surfaces.
 // In: the scene, and in `flux_rays` the rays of each light.
 // Out: `flux_photons`, appended in any order, and `flux_counts`. Positions are in scene units after normalisation, flux
 // in units of 1 / `inverse_unit` (lib/photon has its encoding).
@@ -26,7 +26,7 @@ import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, UNBOUNDED, offset_origin
 @if(caustics && alpha_test && procedurals) import package::lib::procedural::is_procedural;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::{sample_cosine, sobol2, sobol4};
-import package::lib::surface::{SurfaceHit, surface_at};
+import package::lib::surface::{SurfaceHit, stores_photons, surface_at};
 @if(dispersion) import package::lib::wavelength::{begin_wavelengths, carry};
 @if(negative_photons) import package::lib::surface::ray_behind;
 import package::lib::constants::{DIMENSION_FLUX, MAX_FLUX};
@@ -100,7 +100,7 @@ fn store_shadows(first: LightHit, is_active: bool, xi: f32, seed: u32, lane: u32
         if goes_on {
             found = surface_at(hit, on);
             distance += hit.t;
-            if any(found.surface.albedo > vec3f(0.0)) {
+            if stores_photons(hit) {
                 let flux = flux_from_light(first.emitted, first.light, distance);
                 store(found.triangle_position, found.triangle_normal, flux, xi, PHOTON_SHADOW);
             }
@@ -278,7 +278,7 @@ fn store_and_scatter(
     xi: vec2f,
     bounce_seed: u32,
 ) -> bool {
-    var stores = any(found.surface.albedo > vec3f(0.0));
+    var stores = stores_photons(hit);
     @if(negative_photons) { stores &= bounce > 0u; }
     var goes_on = bounce < flux_pass.max_bounces;
     var kind = 0u;

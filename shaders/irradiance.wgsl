@@ -34,7 +34,8 @@ import package::lib::ray::{NO_HIT, Ray, RaySample, offset_origin};
 @if(negative_photons) import package::lib::ray::Hit;
 import package::lib::rng::{hash1, hash3, uniform_from_bits};
 @if(negative_photons) import package::lib::shading_normal::share_of_sky;
-@if(negative_photons) import package::lib::surface::{ray_behind, surface_at};
+@if(negative_photons) import package::lib::surface::{ray_behind, stores_photons, surface_at};
+import package::lib::surface::shows_photons;
 
 struct IrradianceParameters {
     // The grid of the map.
@@ -447,7 +448,7 @@ fn trace_probes(disc: ProbedDisc, lane: u32) -> ProbeHits {
         let facing = normalize(hit_normal(hit));
         if is_down {
             let cosine = abs(dot(facing, disc.normal));
-            if cosine * cosine >= COMPATIBLE_COSINE_SQUARED {
+            if cosine * cosine >= COMPATIBLE_COSINE_SQUARED && shows_photons(hit) {
                 hits.found++;
                 hits.slant += 1.0 / cosine;
             }
@@ -509,7 +510,7 @@ fn hidden_surfaces(probe: Ray, first: Hit, blocked: bool, normal: vec3f, sample:
         let found = surface_at(hit, ray);
         let cosine = abs(dot(found.triangle_normal, normal));
         let compatible = cosine * cosine >= COMPATIBLE_COSINE_SQUARED;
-        if is_hidden && compatible && any(found.surface.albedo > vec3f(0.0)) { area += 1.0 / cosine; }
+        if is_hidden && compatible && stores_photons(hit) { area += 1.0 / cosine; }
         is_hidden = true;
         ray = ray_behind(found, ray.direction, ray.t_max - hit.t);
         hit = trace_closest(ray, sample);

@@ -12,10 +12,10 @@ import package::lib::bsdf::surface::{HitContext, Surface, add_lobes};
 @if(!procedurals) import package::lib::bvh::triangle_corners;
 @if(procedurals) import package::lib::bvh::{traversal_iterations, triangle_corners};
 import package::lib::constants::{
-    BASE_COLOUR_TEXEL, EMISSION_TEXEL, MATERIAL_DOUBLE_SIDED, MATERIAL_UNLIT, NORMAL_TEXTURE, SURFACE_FLAT,
-    SURFACE_TEXEL,
+    BASE_COLOUR_TEXEL, EMISSION_TEXEL, MATERIAL_DIFFUSE, MATERIAL_DOUBLE_SIDED, MATERIAL_TRANSMITS, MATERIAL_UNLIT,
+    NORMAL_TEXTURE, SURFACE_FLAT, SURFACE_TEXEL,
 };
-import package::lib::material::{load_material_texel, material_at, material_flags};
+import package::lib::material::{load_material_texel, material_at, material_flags, material_of};
 @if(normal_maps && textures) import package::lib::material::texture_info;
 @if(instances && smooth_normals) import package::lib::instance::placed_normal;
 import package::lib::math::oct_decode16;
@@ -67,6 +67,27 @@ fn smooth_offset(position: vec3f, weights: vec3f, corners: array<vec3f, 3>, norm
 @if(negative_photons)
 fn ray_behind(found: SurfaceHit, direction: vec3f, t_max: f32) -> Ray {
     return Ray(offset_origin(found.triangle_position, -found.triangle_normal), 0.0, direction, t_max);
+}
+
+// ---- Photons of indirect light
+
+fn flags_at(hit: Hit) -> u32 {
+    @if(procedurals) {
+        if is_procedural(hit.triangle) { return material_flags(material_at(procedural_material(hit.triangle))); }
+    }
+    return material_flags(material_of(hit.triangle));
+}
+
+// Whether photons of indirect light are stored at a hit. The material decides, not the colour at the hit: irradiance
+// does not depend on it, and density estimation would be too dark beside black texels that have no photons.
+fn stores_photons(hit: Hit) -> bool {
+    return (flags_at(hit) & MATERIAL_DIFFUSE) != 0u;
+}
+
+// Whether a hit counts as surface that has photons. Below a surface that lets light pass, such as a pane on a floor,
+// there is one that has, if not at the hit itself.
+fn shows_photons(hit: Hit) -> bool {
+    return (flags_at(hit) & (MATERIAL_DIFFUSE | MATERIAL_TRANSMITS)) != 0u;
 }
 
 // ---- Geometry

@@ -146,6 +146,11 @@ macro_rules! material {
                 false $(|| self.$lobe.transmits())*
             }
 
+            /// Some lobe takes all light from the diffuse base.
+            fn has_lobe_for_base(&self) -> bool {
+                false $(|| self.$lobe.replaces_base())*
+            }
+
             /// Lower bound of the roughness of all microfacets; 0 if a texture may make them smooth.
             pub(crate) fn min_roughness(&self) -> f32 {
                 let base = if self.metallic_roughness_texture.is_some() { 0.0 } else { self.roughness };
@@ -217,6 +222,13 @@ impl Material {
         self.unlit || (self.is_lambertian() && self.base_colour.truncate() == Vec3::ZERO)
     }
 
+    /// Some part of the surface may reflect light diffusely, as far as factors tell: textures only darken it.
+    pub(crate) fn may_be_diffuse(&self) -> bool {
+        let metal = self.metallic >= 1.0 && self.metallic_roughness_texture.is_none();
+        let black = self.base_colour.truncate() == Vec3::ZERO;
+        !self.unlit && !black && !metal && !self.has_lobe_for_base()
+    }
+
     /// Emits light, and reflects nothing and lets nothing pass.
     pub(crate) fn is_black_lamp(&self) -> bool {
         let reflects = self.base_colour.truncate() != Vec3::ZERO || self.specular.factor > 0.0;
@@ -256,7 +268,9 @@ impl Material {
             AlphaMode::Blend => (BLEND, 0.0),
         };
         let flag = |flag: u32, on: bool| if on { flag } else { 0 };
-        let flags = alpha | flag(DOUBLE_SIDED, self.double_sided) | flag(UNLIT, self.unlit);
+        let faces = flag(DOUBLE_SIDED, self.double_sided) | flag(UNLIT, self.unlit);
+        let lobes = flag(DIFFUSE, self.may_be_diffuse()) | flag(TRANSMITS, self.has_transmitting_lobe());
+        let flags = alpha | faces | lobes;
         let outside = self.medium.map_or(1.0, |medium| medium.ior);
         let absorption = self.medium.map_or([0.0; 3], |medium| medium.volume.absorption(scale));
         // Reflectance at normal incidence, KHR_materials_ior.
@@ -285,8 +299,10 @@ const DOUBLE_SIDED: u32 = 1;
 const UNLIT: u32 = 2;
 const MASK: u32 = 4;
 const BLEND: u32 = 8;
+const DIFFUSE: u32 = 16;
+const TRANSMITS: u32 = 32;
 /// Number of those bits. Above them lies a bit for each texture.
-const FLAG_BITS: u32 = 4;
+const FLAG_BITS: u32 = 6;
 
 /// Uses of textures that every material may have, in the order of [`Material::texture_uses`].
 const BASE_TEXTURES: [&str; 4] =
@@ -328,6 +344,8 @@ pub(crate) fn constants() -> Vec<(&'static str, u32)> {
         ("MATERIAL_UNLIT", UNLIT),
         ("MATERIAL_MASK", MASK),
         ("MATERIAL_BLEND", BLEND),
+        ("MATERIAL_DIFFUSE", DIFFUSE),
+        ("MATERIAL_TRANSMITS", TRANSMITS),
     ];
     constants.extend((0..).zip(BASE_TEXELS).map(|(i, name)| (name, i)));
     constants.extend((0..).zip(BASE_TEXTURES).map(|(i, name)| (name, i)));

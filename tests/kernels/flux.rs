@@ -8,7 +8,7 @@ use kernel_kit::{Gpu, POISON, Resources, kernel_test};
 use penumbra::internal::kernels::{compose, compose_source};
 use penumbra::internal::passes::flux::{Flux, FluxSettings};
 use penumbra::internal::passes::grid::Photon;
-use penumbra::internal::scene::{LightKind, Material, Scene};
+use penumbra::internal::scene::{LightKind, Material, Scene, Transmission};
 use penumbra::settings::Technique;
 
 use crate::kit::{device_features, new_kernel};
@@ -130,15 +130,33 @@ fn colours_keep_their_energy(gpu: &Gpu) {
     }
 }
 
-/// Black walls and unlit walls store no photons, and end the path.
+/// Walls of a black or an unlit material store no photons, and end the path. Walls that are black only by their
+/// vertices' colours store photons before the path ends, so that the density of photons does not depend on colours.
 #[kernel_test("PENUMBRA_DEVICE")]
-fn black_and_unlit_walls_store_nothing(gpu: &Gpu) {
+fn black_materials_store_nothing(gpu: &Gpu) {
     let (walls, black) = room(0.0);
     let unlit = Material { unlit: true, ..surface(0.8, 0.0) };
-    for material in [black, unlit] {
+    for (material, colour, stored) in [(black, 1.0, 0), (unlit, 1.0, 0), (surface(0.8, 0.0), 0.0, 1000)] {
+        let mut scene = scene(&[(walls.clone(), material)], vec![point_light(Vec3::ZERO, Vec3::ONE)]);
+        for vertex in Arc::make_mut(&mut scene.vertices) {
+            vertex.colour = Vec3::splat(colour).extend(1.0);
+        }
+        let traced = Traced::new(gpu, &stage(gpu, scene), 1000, 64);
+        assert_eq!((traced.photons.len(), traced.emitted, traced.rays), (stored, 1000, 1000));
+    }
+}
+
+/// Metal and glass store no photons, and reflect all of them or let them pass.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn metal_and_glass_store_nothing(gpu: &Gpu) {
+    let (walls, _) = room(0.0);
+    let metal = Material { metallic: 1.0, ..surface(1.0, 0.0) };
+    let glass = Material { transmission: Transmission::with_factor(1.0), roughness: 0.0, ..surface(1.0, 0.0) };
+    for material in [metal, glass] {
         let stage = stage(gpu, scene(&[(walls.clone(), material)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
-        let traced = Traced::new(gpu, &stage, 1000, 64);
-        assert_eq!((traced.photons.len(), traced.emitted, traced.rays), (0, 1000, 1000));
+        let traced = Traced::new(gpu, &stage, 1000, 2);
+        assert_eq!((traced.photons.len(), traced.emitted), (0, 1000));
+        assert!(traced.rays > 1500, "{} rays", traced.rays);
     }
 }
 

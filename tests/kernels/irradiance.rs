@@ -11,6 +11,7 @@ use penumbra::internal::passes::grid::{Grid, Photon, SortedPhotons};
 use penumbra::internal::passes::irradiance::{
     IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, Shell, irradiance_point_grid,
 };
+use penumbra::internal::scene::{DiffuseTransmission, Material};
 use penumbra::internal::specialisation::features::Feature;
 use penumbra::internal::specialisation::kernels::sorting_grid;
 use penumbra::internal::statistics::Counter;
@@ -36,18 +37,22 @@ pub fn carrying(position: Vec3, normal: Vec3, flux: [u32; 3]) -> Photon {
     Photon { word: photon.word | r << 14 | g << 19 | b << 24, ..photon }
 }
 
-/// Rectangles as a scene of one material, for kernels with the feature `shown` too.
-fn stage(gpu: &Gpu, rectangles: &[Rectangle], shown: Option<Feature>) -> Stage {
-    let triangles = rectangles.iter().flat_map(|Rectangle(p, a, b)| {
+/// Rectangles of materials, for kernels with the feature `shown` too.
+fn stage(gpu: &Gpu, parts: &[(&[Rectangle], Material)], shown: Option<Feature>) -> Stage {
+    let triangles = |Rectangle(p, a, b): &Rectangle| {
         let [p, q, r, s] = [*p, *p + *a, *p + *a + *b, *p + *b].map(|corner| corner.as_dvec3());
         [[p, q, r], [p, r, s]]
-    });
+    };
+    let meshes: Vec<_> = parts
+        .iter()
+        .map(|(rectangles, material)| (rectangles.iter().flat_map(triangles).collect(), material.clone()))
+        .collect();
     let light = penumbra::internal::scene::LightKind::Point {
         position: Vec3::ZERO,
         intensity: Vec3::ONE,
         range: f32::INFINITY,
     };
-    let scene = scene(&[(triangles.collect(), surface(0.5, 0.0))], vec![light]);
+    let scene = scene(&meshes, vec![light]);
     let view = camera(DVec3::ZERO, DVec3::X, 1.0);
     Stage::new(gpu, scene, &view, [1, 1], Technique::SHADOW_PHOTONS, |features| match shown {
         Some(feature) => features.with(feature, true),
@@ -78,7 +83,11 @@ impl Bench {
     }
 
     fn with(gpu: &Gpu, rectangles: &[Rectangle], shown: Option<Feature>) -> Bench {
-        let stage = stage(gpu, rectangles, shown);
+        Bench::of(gpu, &[(rectangles, surface(0.5, 0.0))], shown)
+    }
+
+    fn of(gpu: &Gpu, parts: &[(&[Rectangle], Material)], shown: Option<Feature>) -> Bench {
+        let stage = stage(gpu, parts, shown);
         let composed = compose("irradiance", &stage.features).unwrap();
         let mut constants = stage.gpu_scene.constants().to_vec();
         constants.push(("nearest", f64::from(IRRADIANCE_NEAREST)));
@@ -251,6 +260,8 @@ fn brute_force(photons: &[Photon], irradiance_point: &Photon, radius: f64, probe
 struct Probes {
     /// The area of the surface in the search ellipsoid over that of the disc.
     share: f64,
+    /// The same if surfaces that have no photons were also surface.
+    share_of_any: f64,
     /// The clear part of its radius.
     clear: f64,
     /// Where each probe was sent on the disc, from its centre, and the wall that stopped it: its normal, turned to the
@@ -308,7 +319,7 @@ fn probes_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option<
     let [i, j, k] = position.to_array().map(f32::to_bits);
     let rotation = f64::from(hash(&[k, j, i]) >> 8) / f64::from(1 << 24);
     let height = radius / 4.0;
-    let (mut found, mut slant, mut sent) = (0, 0.0, Vec::new());
+    let (mut found, mut slant, mut any, mut sent) = (0, 0.0, 0, Vec::new());
     for probe in 0..PROBES {
         let part = (f64::from(probe) + 0.5) / f64::from(PROBES);
         let distance = radius * part.sqrt();
@@ -339,22 +350,27 @@ fn probes_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option<
             (normal, normal.dot(origin + crossing.t * towards - x) - 1e-3 * radius)
         });
         sent.push((across, wall));
-        let Some(cosine) = lands.filter(|_| wall.is_none()).map(|c| c.normal.dot(n).abs()) else { continue };
+        let Some(lands) = lands.filter(|_| wall.is_none()) else { continue };
+        let cosine = lands.normal.dot(n).abs();
         if (cosine - 0.5f64.sqrt()).abs() < 1e-5 {
             return None;
         }
         if cosine > 0.5f64.sqrt() {
-            found += 1;
-            slant += 1.0 / cosine;
+            any += 1;
+            let material = &stage.scene.materials[stage.scene.triangles[lands.triangle].material as usize];
+            if !["black", "metal", "unlit"].contains(&material.name.as_str()) {
+                found += 1;
+                slant += 1.0 / cosine;
+            }
         }
     }
     // An estimate of 1 over the share, unbiased but for discs whose surface all probes miss.
     let slant = if found > 0 { slant / f64::from(found) } else { 1.0 };
-    let share = slant * f64::from(found + 1) / f64::from(PROBES + 1);
+    let [share, share_of_any] = [found, any].map(|found| slant * f64::from(found + 1) / f64::from(PROBES + 1));
     // The relative radius at which a straight edge cuts off as much as the missing probes and one more.
     let missing = f64::from(PROBES - found + 1) / f64::from(PROBES);
     let clear = if found == PROBES { 0.8 } else { (1.0 - (2.0 * missing).powf(0.63)).max(0.0) };
-    Some(Probes { share, clear, sent })
+    Some(Probes { share, share_of_any, clear, sent })
 }
 
 /// A floor and a wall at its side, a cube that stands on the floor.
@@ -421,13 +437,26 @@ pub fn rounding(gpu: &Gpu) -> Vec<f64> {
 
 /// The kernel's estimates equal brute force. The cases: flux of all words and signs, normals of all directions, numbers
 /// of irradiance points around the size of a workgroup, positions on surfaces, at edges, in corners and off surfaces,
-/// grids of full and of sparse cells.
+/// grids of full and of sparse cells, discs beside surfaces that have no photons, and beside a leaf, which has some
+/// below.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn estimates_are_those_of_brute_force(gpu: &Gpu) {
     let mut rectangles = corner_and_cube();
     // A partition across the floor, with an end.
     rectangles.push(Rectangle(Vec3::new(-0.5, -0.5, -0.25), Vec3::new(0.8, 0.0, 0.0), Vec3::new(0.0, 0.3, 0.0)));
-    let bench = Bench::new(gpu, &rectangles);
+    let lying = |x: f32, z: f32| [Rectangle(Vec3::new(x, -0.498, z), Vec3::Z * 0.2, Vec3::X * 0.2)];
+    let named = |name: &str, material: Material| Material { name: name.to_owned(), ..material };
+    let metal = Material { metallic: 1.0, ..surface(0.5, 0.0) };
+    let unlit = Material { unlit: true, ..surface(0.5, 0.0) };
+    let leaf = Material { diffuse_transmission: DiffuseTransmission::new(1.0, Vec3::ONE), ..surface(0.5, 0.0) };
+    let parts = [
+        (&rectangles[..], surface(0.5, 0.0)),
+        (&lying(-0.45, 0.25), named("black", surface(0.0, 0.0))),
+        (&lying(-0.2, 0.25), named("metal", metal)),
+        (&lying(0.3, 0.25), named("unlit", unlit)),
+        (&lying(-0.45, 0.0), named("leaf", leaf)),
+    ];
+    let bench = Bench::of(gpu, &parts, None);
     let mut random = Random(2);
     // Some normals differ from those of their surface.
     let tilted = |random: &mut Random| {
@@ -435,7 +464,7 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
         let tilt = if random.unit() < 0.7 { 0.0 } else { random.unit() };
         (position, (normal + tilt * random.direction()).normalize())
     };
-    let (mut checked, mut doubts, mut partly, mut wide, mut hidden) = (0, 0, 0, 0, 0);
+    let (mut checked, mut doubts, mut partly, mut wide, mut hidden, mut beside) = (0, 0, 0, 0, 0, 0);
     for (photon_count, irradiance_point_count) in
         [(0, 65), (1, 1), (20, 0), (3000, 63), (3000, 64), (3000, 1000), (20_000, 400)]
     {
@@ -472,7 +501,7 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
                 doubts += 1;
                 continue;
             };
-            let Probes { share, clear, .. } = probes;
+            let Probes { share, share_of_any, clear, .. } = probes;
             let value = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
             let right = expected.density * f64::from(step) / share;
             // Sums are integers: only a square and some quotients are rounded.
@@ -489,6 +518,7 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
                 assert!(!agrees(right * 16.0 / 17.0), "a probe more");
                 wide += u32::from(expected_radius > 1.5 * f64::from(shape.cell));
                 partly += u32::from(!agrees(right * share));
+                beside += u32::from(!agrees(right * share / share_of_any));
                 let unhidden = brute_force(&photons, irradiance_point, expected_radius, None).density;
                 hidden += u32::from(!agrees(unhidden * f64::from(step) / share));
             }
@@ -496,10 +526,10 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
     }
     println!(
         "{checked} irradiance points, {doubts} undecided, {partly} partly covered, {wide} with sparse photons, \
-         {hidden} with photons behind walls"
+         {hidden} with photons behind walls, {beside} beside surfaces without photons"
     );
     // Guards: rounding leaves few points undecided, and there are points of each kind.
-    assert!(doubts * 5 < checked && partly > 50 && wide > 10 && hidden > 10);
+    assert!(doubts * 5 < checked && partly > 50 && wide > 10 && hidden > 10 && beside > 10);
 }
 
 /// A floor, a grid of cells a twentieth wide, and 16,000 photons of bright light in one of the cells, with few others.

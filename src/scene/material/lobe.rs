@@ -95,6 +95,11 @@ pub(in crate::scene) trait Lobe: Sized + Default {
         false
     }
 
+    /// Takes all light from the diffuse base, wherever it is on the surface.
+    fn replaces_base(&self) -> bool {
+        false
+    }
+
     /// Lower bound of the roughness of its own microfacets; 1 if it has none, 0 if a texture may make them smooth.
     fn min_roughness(&self) -> f32 {
         1.0

@@ -73,4 +73,8 @@ impl Lobe for DiffuseTransmission {
     fn transmits(&self) -> bool {
         self.is_present()
     }
+
+    fn replaces_base(&self) -> bool {
+        self.factor >= 1.0 && self.texture.is_none()
+    }
 }

@@ -59,4 +59,8 @@ impl Lobe for Transmission {
     fn transmits(&self) -> bool {
         self.is_present()
     }
+
+    fn replaces_base(&self) -> bool {
+        self.factor >= 1.0 && self.texture.is_none()
+    }
 }
