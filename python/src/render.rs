@@ -201,9 +201,12 @@ fn sample(
     if let Err(stop) = Python::attach(|py| py.check_signals()) {
         return Ok(Some(stop));
     }
-    while renderer.wants_samples(denoiser)? {
-        let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()).as_secs_f64());
-        let progress = match left {
+    loop {
+        let left = || deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()).as_secs_f64());
+        if !renderer.wants_samples_within(denoiser, left().unwrap_or(f64::INFINITY))? {
+            break;
+        }
+        let progress = match left() {
             None => Some(renderer.render_batch()?),
             Some(left) => renderer.render_within(left)?,
         };

@@ -23,7 +23,7 @@ use crate::specialisation::features::Feature;
 
 /// Minimum share of the blocks with too large an error that get samples together. Estimates and dispatches take the
 /// same time for a few blocks as for many.
-const ROUND_SHARE: f64 = 0.125;
+pub(super) const ROUND_SHARE: f64 = 0.125;
 
 /// Like [`ROUND_SHARE`], if each estimate runs denoisers, which take as long as several samples of all pixels.
 const DENOISED_SHARE: f64 = 0.5;
@@ -41,7 +41,10 @@ impl Renderer<'_> {
         if self.is_decision_due() {
             let start = Instant::now();
             let errors = self.squared_errors(denoiser)?;
-            self.totals.time_render += start.elapsed().as_secs_f64();
+            let seconds = start.elapsed().as_secs_f64();
+            self.totals.time_render += seconds;
+            self.sampling.seconds_to_decide = Some(seconds);
+            self.sampling.is_noise_estimated = true;
             let share = if denoiser.choice() == Denoise::None { ROUND_SHARE } else { DENOISED_SHARE };
             let unaudited = self.unaudited();
             let ImageSettings { spp, .. } = self.settings.image;
@@ -54,6 +57,16 @@ impl Renderer<'_> {
         Ok(self.sampling.allocation.as_ref().is_some_and(|allocation| !allocation.is_complete()))
     }
 
+    /// Whether the render has all its samples, as far as that is known without an estimate of the noise.
+    pub fn is_complete(&self) -> bool {
+        match &self.sampling.allocation {
+            Some(allocation) if self.settings.image.noise.is_some() => {
+                allocation.is_complete() && self.sampling.is_noise_estimated
+            }
+            _ => self.sampling.samples >= self.settings.image.range().count(),
+        }
+    }
+
     /// A note if [`ImageSettings::noise`] was not reached, because samples or time ended the render.
     pub fn note_on_noise(&self) -> Option<String> {
         let noise = self.settings.image.noise?;
@@ -64,9 +77,12 @@ impl Renderer<'_> {
             return Some(format!("a noise of {noise:e} was not reached everywhere: {above} of {all} blocks {rest}"));
         }
         // A single sample shows no noise.
-        let is_estimated = allocation.is_complete() && self.sampling.samples > 1;
-        let rest = "the image has too few samples for an estimate";
-        (!is_estimated).then(|| format!("whether a noise of {noise:e} was reached is not known: {rest}"))
+        let rest = match self.sampling.samples {
+            0 | 1 => "the image has too few samples for an estimate",
+            _ if !self.is_complete() => "the render ended before an estimate",
+            _ => return None,
+        };
+        Some(format!("whether a noise of {noise:e} was reached is not known: {rest}"))
     }
 
     /// The expected relMSE of the raw image: by the squared difference of two halves of its samples (a quarter of it
@@ -143,7 +159,7 @@ impl Renderer<'_> {
     }
 
     /// Whether the pixels have all samples of the last decision, and enough of them to estimate their noise.
-    fn is_decision_due(&self) -> bool {
+    pub(super) fn is_decision_due(&self) -> bool {
         self.sampling.samples > 1 && self.sampling.allocation.as_ref().is_some_and(SampleAllocation::is_complete)
     }
 
@@ -168,7 +184,7 @@ impl Renderer<'_> {
         }
         let seconds = start.elapsed().as_secs_f64();
         self.totals.time_render += seconds;
-        self.sampling.seconds_to_allocate = Some(seconds);
+        self.sampling.seconds_to_decide = Some(seconds);
         Ok(())
     }
 

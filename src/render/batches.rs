@@ -81,6 +81,7 @@ impl Renderer<'_> {
         }
         self.trace_caustics(first_sample)?;
         self.sampling.batches += 1;
+        self.sampling.is_noise_estimated = false;
         if let Some(sums) = &mut self.piece_sums {
             sums.begin(SampleRange { first: first_sample, end: first_sample + count });
         }

@@ -22,8 +22,10 @@ pub(super) struct SamplingState {
     pub samples_without_photons: u32,
     /// Seconds of one sample of every pixel, by the last batch; `None` before the first batch.
     pub seconds_per_sample: Option<f64>,
-    /// Seconds of the last decision on which pixels get more samples, in adaptive sampling with a fixed budget.
-    pub seconds_to_allocate: Option<f64>,
+    /// Seconds of the last decision on which pixels get more samples.
+    pub seconds_to_decide: Option<f64>,
+    /// With [`ImageSettings::noise`]: the errors were estimated after the last batch.
+    pub is_noise_estimated: bool,
 }
 
 impl SamplingState {
@@ -38,7 +40,8 @@ impl SamplingState {
             shade_at_once,
             samples_without_photons: 0,
             seconds_per_sample: None,
-            seconds_to_allocate: None,
+            seconds_to_decide: None,
+            is_noise_estimated: false,
         }
     }
 }

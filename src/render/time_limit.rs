@@ -2,7 +2,9 @@
 
 use std::time::Instant;
 
+use super::adaptive_sampling::ROUND_SHARE;
 use super::batches::Progress;
+use super::denoise::Denoiser;
 use super::renderer::Renderer;
 use crate::Result;
 use crate::settings::stages::settings_of_stage;
@@ -48,6 +50,24 @@ impl Expected {
 }
 
 impl Renderer<'_> {
+    /// Like [`Renderer::wants_samples`], but `false` if a decision on where samples go, which runs `denoiser`, is not
+    /// expected to end within `seconds` and to leave time for a sample.
+    ///
+    /// # Errors
+    /// As [`Renderer::wants_samples`].
+    pub fn wants_samples_within(&mut self, denoiser: &Denoiser, seconds: f64) -> Result<bool> {
+        if self.settings.image.noise.is_some() && self.is_decision_due() {
+            let pixels = self.settings.image.crop_window().pixels();
+            let decision = self.sampling.seconds_to_decide.unwrap_or_else(|| denoiser.seconds(self.gpu, pixels));
+            // Of the share of the pixels that a decision selects, nothing is known before.
+            let sample = ROUND_SHARE * self.seconds_of_sample().unwrap_or(0.0);
+            if decision + sample > seconds {
+                return Ok(false);
+            }
+        }
+        self.wants_samples(denoiser)
+    }
+
     /// Like [`Renderer::render_batch`], limited to steps that are expected to end within `seconds`, by the times of
     /// earlier batches: fewer samples, and better indirect light only if it leaves time for samples that benefit from
     /// it. So the bits depend on the time. Returns `None` if not even one sample fits; the first one is always
@@ -103,7 +123,7 @@ impl Renderer<'_> {
     /// Expected times of the next samples; `None` before the first batch.
     fn expected(&self) -> Option<Expected> {
         let sample = self.seconds_of_sample()?;
-        Some(match self.sampling.seconds_to_allocate {
+        Some(match self.sampling.seconds_to_decide {
             _ if !self.is_allocation_due() => Expected { before: 0.0, sample },
             Some(before) => Expected { before, sample },
             None => Expected { before: sample, sample: ALLOCATED_SAMPLE * sample },

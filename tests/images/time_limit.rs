@@ -103,6 +103,25 @@ fn little_time_is_for_samples() {
     assert!(renderer.statistics().unwrap().rays.gather > 2 * first, "there are no more gather rays");
 }
 
+/// A decision on where noise needs samples runs the denoiser, so it is made only if there is time for it. Without it the
+/// render is not complete, and a note says that its noise is not known.
+#[test]
+fn decisions_by_noise_fit_the_time() {
+    let settings = settings(64).with(|s| (s.image.noise, s.image.denoise) = (Some(1e-6), Denoise::Statistical));
+    let denoiser = Denoiser::new(Denoise::Statistical, None).unwrap();
+    let mut renderer = renderer(&settings);
+    for samples in 1..=8 {
+        assert!(renderer.wants_samples_within(&denoiser, 0.0).unwrap(), "no decision is due before the eighth sample");
+        assert_eq!(renderer.render_up_to(1).unwrap().samples, samples);
+    }
+    assert!(!renderer.wants_samples_within(&denoiser, 0.0).unwrap() && !renderer.is_complete());
+    let note = renderer.note_on_noise().unwrap();
+    assert!(note.contains("is not known: the render ended before an estimate"), "{note}");
+    assert!(renderer.wants_samples_within(&denoiser, 1e9).unwrap());
+    let note = renderer.note_on_noise().unwrap();
+    assert!(note.contains("a noise of 1e-6 was not reached everywhere"), "{note}");
+}
+
 /// Denoisers that take too long first lose the estimate of errors, and then go.
 #[test]
 fn denoisers_fit_the_time() {

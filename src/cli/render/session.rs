@@ -116,8 +116,9 @@ impl<'a> Session<'a> {
                 // Without its denoised image, a frame of a sequence is not complete: the same command renders it again.
                 self.stopped = true;
                 let Salvage { image, statistics, checkpoint } = *salvage;
+                let checkpointed = self.write_checkpoint(checkpoint.as_ref());
                 // The error to report is the one that ended the render.
-                let _ = self.finish(image, statistics, checkpoint.as_ref());
+                let _ = self.finish(image, statistics, checkpointed);
             }
             Err(error)
         })
@@ -131,11 +132,11 @@ impl<'a> Session<'a> {
         self.announce(renderer);
         let failed = self.add_samples(renderer)?;
         self.stopped = failed.is_some();
-        if !self.stopped && self.interrupt.raised() {
-            self.stopped = unless_lost(renderer.wants_samples(self.denoiser))?.unwrap_or(true);
-        }
+        self.stopped |= self.interrupt.raised() && !renderer.is_complete();
         self.notes.say(renderer.notes());
         let checkpoint = self.arguments.checkpoint.as_ref().map(|_| renderer.checkpoint()).transpose()?;
+        // Before denoising, which may take longer than a cluster waits after a signal.
+        let checkpointed = self.write_checkpoint(checkpoint.as_ref());
         let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
         self.notes.say(renderer.note_on(&image).as_slice());
         self.notes.say(renderer.note_on_noise().as_slice());
@@ -150,7 +151,7 @@ impl<'a> Session<'a> {
         if let Err(error) = outcome.and(self.say_estimate(renderer, &statistics)) {
             return Err(Failure { error, salvage: Some(Box::new(Salvage { image, statistics, checkpoint })) });
         }
-        Ok(self.finish(image, statistics, checkpoint.as_ref()))
+        Ok(self.finish(image, statistics, checkpointed))
     }
 
     /// Says once what is rendered.
@@ -173,13 +174,13 @@ impl<'a> Session<'a> {
         let mut display = Display::new(goal, &renderer.progress(), arguments.quiet);
         let mut written = Instant::now();
         loop {
-            match unless_lost(renderer.wants_samples(self.denoiser))? {
+            let left = || deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()).as_secs_f64());
+            match unless_lost(renderer.wants_samples_within(self.denoiser, left().unwrap_or(f64::INFINITY)))? {
                 Ok(true) => {}
                 Ok(false) => return Ok(None),
                 Err(problem) => return Ok(Some(problem)),
             }
-            let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()).as_secs_f64());
-            let progress = match left {
+            let progress = match left() {
                 None => Some(renderer.render_batch()?),
                 // A render that is resumed must have the same bits as one without an interruption.
                 Some(left) if arguments.checkpoint.is_some() => renderer.render_batch_within(left)?,
@@ -218,13 +219,15 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Prints a summary and writes all files; a file that fails does not stop the others.
-    fn finish(
-        &mut self,
-        mut image: Image,
-        mut statistics: Statistics,
-        checkpoint: Option<&Checkpoint>,
-    ) -> Result<Image> {
+    fn write_checkpoint(&self, checkpoint: Option<&Checkpoint>) -> Result<()> {
+        match (&self.arguments.checkpoint, checkpoint) {
+            (Some(path), Some(checkpoint)) => write_in_folder(path, || checkpoint.write(path)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Prints a summary and writes all other files than the checkpoint; a file that fails does not stop the others.
+    fn finish(&mut self, mut image: Image, mut statistics: Statistics, checkpointed: Result<()>) -> Result<Image> {
         let arguments = self.arguments;
         if !arguments.quiet {
             say(summary(&statistics, self.stopped));
@@ -232,10 +235,6 @@ impl<'a> Session<'a> {
         }
         self.notes.say(&statistics.notes);
         self.notes.say(arguments.note_on_exposure(&image).as_slice());
-        let checkpointed = match (&arguments.checkpoint, checkpoint) {
-            (Some(path), Some(checkpoint)) => write_in_folder(path, || checkpoint.write(path)),
-            _ => Ok(()),
-        };
         if self.stopped && self.fingerprint.is_some() {
             self.notes.say(&["an incomplete frame is not written".to_owned()]);
             return Ok(image);
