@@ -45,8 +45,9 @@ struct NextSamples {
 
 impl Renderer<'_> {
     /// Renders one or more samples of every pixel. The batch ends at the number of samples that the settings request,
-    /// unless that is already reached. With [`ImageSettings::noise`](crate::settings::ImageSettings::noise) only pixels
-    /// that need more samples get any, possibly none.
+    /// unless that is already reached; a piece then gets none. With
+    /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) only pixels that need more samples get any,
+    /// possibly none.
     ///
     /// # Errors
     /// [`crate::Error::Computation`] if more than a thousandth of the samples, of the gather rays or of the photons of
@@ -69,6 +70,10 @@ impl Renderer<'_> {
     /// As [`Renderer::render_up_to`], but leaves indirect light as it is, for a render that is expected to end with
     /// `spp` samples per pixel.
     pub(super) fn add_samples(&mut self, limit: u32, spp: u32) -> Result<Progress> {
+        // The file of a piece has the samples of its range, and no others.
+        if self.piece_sums.is_some() && self.is_complete() {
+            return Ok(self.progress());
+        }
         self.begin_trial(spp)?;
         if self.sampling.allocation.is_some() && !self.wants_samples(&Denoiser::default())? {
             return Ok(self.progress());

@@ -122,7 +122,7 @@ pub(super) fn noisy(sums: &dyn Sums, size: [u32; 2]) -> Result<Noisy> {
     };
     let [first, second] = halves;
     let halves = (!first.is_empty()).then(|| [half(0, first), half(1, second)]);
-    let is_clean = clean(&coverage, sums.may_have_lens(), &albedo, &position);
+    let is_clean = clean(&coverage, sums.has_lens(), &albedo, &position);
     Ok(Noisy { size, all: Light { components: all }, halves, half_samples, guides, is_clean })
 }
 
@@ -152,10 +152,10 @@ fn coverage_variances(sums: &dyn Sums, means: &[DVec4]) -> Result<Vec<f64>> {
 
 /// Pixels whose samples show nothing, or the environment alone. Those of the second kind have no surface and no random
 /// choice (w of `albedo`), and the camera has no lens.
-fn clean(coverage: &[f64], may_have_lens: bool, albedo: &[DVec4], position: &[DVec4]) -> Vec<bool> {
+fn clean(coverage: &[f64], has_lens: bool, albedo: &[DVec4], position: &[DVec4]) -> Vec<bool> {
     let is_clean = |(i, coverage): (usize, &f64)| {
         let without_surface = || position.get(i).is_some_and(|p| p.w == 0.0) && albedo[i].w == 0.0;
-        *coverage == 0.0 || !may_have_lens && without_surface()
+        *coverage == 0.0 || !has_lens && without_surface()
     };
     coverage.iter().enumerate().map(is_clean).collect()
 }
@@ -215,7 +215,7 @@ mod tests {
             Ok(Some(Thirds::pixels(&[0])))
         }
 
-        fn may_have_lens(&self) -> bool {
+        fn has_lens(&self) -> bool {
             false
         }
 

@@ -121,7 +121,7 @@ impl<'a> Kept<'a> {
 }
 
 impl Sums for Film<'_> {
-    fn may_have_lens(&self) -> bool {
+    fn has_lens(&self) -> bool {
         self.renderer.camera.lens.is_some()
     }
 

@@ -51,19 +51,20 @@ impl NearestPhotons {
 }
 
 impl Renderer<'_> {
-    /// The photons of the visibility map, in any order; empty for techniques without a map.
+    /// The photons of the visibility map, in any order; `None` without a map: some techniques have none, and others only
+    /// from the second sample on.
     ///
     /// # Errors
     /// As [`kernel_kit::Gpu::read`].
-    pub fn visibility_photons(&self) -> Result<Vec<VisibilityPhoton>> {
-        let Some(map) = &self.view.lighting.visibility_map else { return Ok(Vec::new()) };
+    pub fn visibility_photons(&self) -> Result<Option<Vec<VisibilityPhoton>>> {
+        let Some(map) = &self.view.lighting.visibility_map else { return Ok(None) };
         let photons = map.photons(self.gpu)?.into_iter().map(|photon| VisibilityPhoton {
             position: photon.position.into(),
             normal: oct_decode7(photon.word & photon_word::NORMAL_MASK),
             light: photon.light(),
             is_shadow: photon.word & photon_word::SHADOW != 0,
         });
-        Ok(photons.collect())
+        Ok(Some(photons.collect()))
     }
 
     /// The nearest of these `photons` to a point, which decide its class for a light; `None` without a map.

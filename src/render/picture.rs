@@ -76,8 +76,8 @@ pub(super) trait Sums {
     /// they were not kept.
     fn first_halves(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>>;
 
-    /// Whether the camera may have a lens, which spreads the rays of a pixel beyond the pixel.
-    fn may_have_lens(&self) -> bool;
+    /// Whether the camera has a lens, which spreads the rays of a pixel beyond the pixel.
+    fn has_lens(&self) -> bool;
 
     /// The number of samples of a pixel.
     fn samples_of(&self, pixel: usize) -> u32;
@@ -100,7 +100,8 @@ pub(super) struct Picture<'a> {
 impl Picture<'_> {
     /// The channels of the image.
     pub fn channels(&self, sums: &dyn Sums) -> Result<Vec<Channel>> {
-        let direct = means(sums, Quantity::Direct)?.unwrap_or_default();
+        let direct_sums = sums.sums(Quantity::Direct)?.unwrap_or_default();
+        let direct: Vec<DVec4> = direct_sums.par_iter().map(Sum::mean).collect();
         let indirect = means(sums, Quantity::Indirect)?;
         let with = |(d, i): (&DVec4, &DVec4)| (d.truncate() + i.truncate()).extend(d.w);
         let total: Vec<DVec4> = match &indirect {
@@ -110,8 +111,12 @@ impl Picture<'_> {
         let indirect = indirect.unwrap_or_else(|| vec![DVec4::ZERO; direct.len()]);
         let mut channels = Vec::new();
         let background = colour_of(self.background);
-        let over = |v: &DVec4| background.map_or(*v, |colour| (v.truncate() + behind(colour, v)).extend(1.0));
-        let shown: Vec<DVec4> = total.iter().map(over).collect();
+        let over = |(v, sum): (&DVec4, &Sum)| match background {
+            Some(colour) if sum.kept > 0.0 => (v.truncate() + behind(colour, v)).extend(1.0),
+            // Without any sample, it is not known what the pixel shows.
+            _ => *v,
+        };
+        let shown: Vec<DVec4> = total.iter().zip(&direct_sums).map(over).collect();
         push(&mut channels, ["R", "G", "B"], &shown);
         channels.push(Channel { name: "A".into(), samples: shown.iter().map(|v| v.w as f32).collect() });
         let positioned = self.aovs.iter().any(|aov| matches!(aov, Aov::Position | Aov::Depth));

@@ -215,7 +215,8 @@ pub fn pixels(image: &Image, display: &Display, seen: Seen<'_>) -> Vec<u8> {
             // Where there is nothing, the depth is 1e10.
             let there = || depths.iter().copied().filter(|z| *z < 1e9);
             let (near, far) = (there().fold(f32::INFINITY, f32::min), there().fold(0.0, f32::max));
-            grey(depths.iter().map(|z| 1.0 - (z - near) / (far - near).max(f32::MIN_POSITIVE)))
+            let shade = |z: &f32| 1.0 - (z - near) / (far - near).max(f32::MIN_POSITIVE);
+            grey(depths.iter().map(|z| if *z < 1e9 { shade(z) } else { 0.0 }))
         }),
     };
     let mut shown = shown.unwrap_or_else(|| vec![0; image.pixels() * 3]);

@@ -80,6 +80,7 @@ pub struct Panel {
     scene: PathBuf,
     fov: f64,
     f_number: Option<f64>,
+    f_number_of_picture: Option<f64>,
     file: String,
     /// The copy of the scene with the camera, the camera's name, and whether the copy may replace a file.
     copy: Copy,
@@ -103,6 +104,7 @@ impl Panel {
             scene: PathBuf::new(),
             fov: 0.0,
             f_number: None,
+            f_number_of_picture: None,
             file: "picture.png".to_owned(),
             copy: Copy { name: "view".to_owned(), ..Copy::default() },
             texture: None,
@@ -142,6 +144,10 @@ impl Panel {
         if self.scene != picture.file {
             self.scene.clone_from(&picture.file);
             self.choices.iter_mut().for_each(|choices| choices.pose = picture.choices.pose.clone());
+        }
+        // Other cameras may have no iris.
+        if self.f_number_of_picture != picture.eye.f_number {
+            self.f_number_of_picture = picture.eye.f_number;
             self.f_number = picture.eye.f_number;
         }
         SidePanel::right("panel").exact_size(WIDTH).resizable(false).show(ui, |ui| {

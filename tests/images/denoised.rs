@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use glam::{DVec3, Vec4};
+use penumbra::internal::render::pieces::Pieces;
 use penumbra::internal::scene::{ImportOptions, Material, Panorama};
-use penumbra::settings::{Background, Denoise};
+use penumbra::settings::{Background, Denoise, SampleRange};
 use penumbra::{Aov, Denoiser, Image, Renderer, Scene, Settings, Technique};
 
 use crate::meshes::{camera, panorama, scene, sphere, square, surface};
@@ -31,31 +32,54 @@ fn ball(base_colour: Vec4, sky: &Panorama) -> Scene {
     scene
 }
 
-fn denoised(scene: Scene, settings: &Settings) -> Image {
+fn renderer(scene: Scene, settings: &Settings) -> Renderer<'static> {
     let view = camera(DVec3::new(0.0, 0.2, 1.2), DVec3::new(0.0, -0.2, -1.2), 0.8);
-    let mut renderer = Renderer::new(gpu(), scene, &view, settings).unwrap();
+    Renderer::new(gpu(), scene, &view, settings).unwrap()
+}
+
+fn filter() -> Denoiser {
+    Denoiser::new(Denoise::Statistical, None).unwrap()
+}
+
+fn denoised(scene: Scene, settings: &Settings) -> Image {
+    let mut renderer = renderer(scene, settings);
     while renderer.samples() < settings.image.spp {
         renderer.render_batch().unwrap();
     }
-    renderer.denoised_image(&Denoiser::new(Denoise::Statistical, None).unwrap()).unwrap()
+    renderer.denoised_image(&filter()).unwrap()
 }
 
-/// Stars are no fireflies: a single sample of the sky has no noise, so the filter leaves it as it is.
+/// Stars are no fireflies: a single sample of the sky has no noise, so the filter leaves it as it is. So does that of
+/// merged pieces, where the sky has several samples.
 #[test]
 fn the_sky_is_not_filtered() {
     let stars = panorama(256, 128, |d| {
         let bits = (d * 1e4).abs().element_sum() as u32;
         DVec3::splat(if bits.is_multiple_of(31) { 3.0 } else { 0.02 })
     });
-    let image = denoised(ball(Vec4::splat(0.5).with_w(1.0), &stars), &settings(1, 0));
-    let channel = |name: &str| image.channel(name).unwrap();
-    let is_sky: Vec<bool> = channel("Z").iter().map(|z| *z >= 1e10).collect();
-    let of = |name: &str, of_sky: bool| -> Vec<f32> {
-        channel(name).iter().zip(&is_sky).filter(|(_, is_sky)| **is_sky == of_sky).map(|(x, _)| *x).collect()
-    };
-    assert!(of("G", true).iter().filter(|x| **x > 2.0).count() > 10, "there are no stars in the view");
-    assert_eq!(of("denoised.G", true), of("G", true));
-    assert_ne!(of("denoised.G", false), of("G", false), "the ball is not filtered");
+    let scene = || ball(Vec4::splat(0.5).with_w(1.0), &stars);
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let pieces = [0, 4].map(|first| {
+        let settings = settings(8, 0).with(|s| s.image.piece = Some(SampleRange { first, end: first + 4 }));
+        let mut renderer = renderer(scene(), &settings);
+        while renderer.samples() < 4 {
+            renderer.render_batch().unwrap();
+        }
+        let file = folder.path().join(format!("{first}.exr"));
+        renderer.image().unwrap().write_exr(&file).unwrap();
+        file
+    });
+    let merged = Pieces::open(&pieces).unwrap().merge_denoised(gpu(), &filter()).unwrap();
+    for (what, image) in [("of a render", denoised(scene(), &settings(1, 0))), ("of pieces", merged)] {
+        let channel = |name: &str| image.channel(name).unwrap();
+        let is_sky: Vec<bool> = channel("Z").iter().map(|z| *z >= 1e10).collect();
+        let of = |name: &str, of_sky: bool| -> Vec<f32> {
+            channel(name).iter().zip(&is_sky).filter(|(_, is_sky)| **is_sky == of_sky).map(|(x, _)| *x).collect()
+        };
+        assert!(of("G", true).iter().filter(|x| **x > 1.0).count() > 10, "there are no stars in the view {what}");
+        assert_eq!(of("denoised.G", true), of("G", true), "{what}");
+        assert_ne!(of("denoised.G", false), of("G", false), "the ball {what} is not filtered");
+    }
 }
 
 /// Root mean squares of the stated and of the true error before `background`, over the pixels that `is_counted` picks
@@ -110,7 +134,7 @@ fn the_error_of_irradiance_records_is_stated() {
         while renderer.samples() < settings.image.spp {
             renderer.render_batch().unwrap();
         }
-        renderer.denoised_image(&Denoiser::new(Denoise::Statistical, None).unwrap()).unwrap()
+        renderer.denoised_image(&filter()).unwrap()
     };
     let reference = render(&of(512, 100));
     let wall = || (20..40).flat_map(|y| (4..14).map(move |x| y * 64 + x));

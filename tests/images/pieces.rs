@@ -186,6 +186,8 @@ fn a_resumed_piece_has_the_same_bits() {
     while second.samples() < 16 {
         second.render_batch().unwrap();
     }
+    // It has all its samples, so there are no others.
+    assert_eq!(second.render_batch().unwrap().samples, 16);
     let resumed = folder.path().join("resumed.exr");
     second.image().unwrap().write_exr(&resumed).unwrap();
     assert_same(&Image::read_exr(resumed).unwrap(), &whole, "resumed");
@@ -228,6 +230,7 @@ fn pieces_that_do_not_fit_are_named() {
         let settings = settings(Technique::PATH, 8).with(|s| {
             s.image.piece = Some(SampleRange { first, end });
             s.image.crop = Some(Crop { x: 0, y: 0, width: 24, height: 12 });
+            s.image.background = Background::Colour([1.0, 0.5, 0.25]);
             change(s);
         });
         render(scene, &settings, file(name))
@@ -254,7 +257,10 @@ fn pieces_that_do_not_fit_are_named() {
     let shown = Image::read_exr(&last).unwrap();
     let channel = |image: &Image| image.channel("G").unwrap()[..24 * 12].to_vec();
     assert_eq!(channel(&partial), channel(&shown));
-    assert_eq!(partial.channel("A").unwrap()[24 * 12..], [0.0; 24 * 6]);
+    // Pixels without samples show nothing, not even the background.
+    for name in ["R", "A"] {
+        assert_eq!(partial.channel(name).unwrap()[24 * 12..], [0.0; 24 * 6], "{name}");
+    }
     assert!(Pieces::open(&[&first, &last]).unwrap().missing().len() == 1);
     // Another device, and another version.
     let elsewhere = file("elsewhere.exr");

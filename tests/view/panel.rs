@@ -247,6 +247,23 @@ fn sliders_begin_with_the_command_line() {
     }
 }
 
+/// Depth of field that ends with an orthographic camera is off for the next camera, too.
+#[test]
+fn depth_of_field_is_that_of_the_picture() {
+    let mut snapshot = snapshot();
+    snapshot.picture.eye.f_number = Some(5.6);
+    let mut window = Window::new(snapshot);
+    let mut has_f_number = |f_number, fov| {
+        (window.snapshot.picture.eye.f_number, window.snapshot.fov) = (f_number, fov);
+        window.texts().iter().any(|text| text.starts_with("f-number"))
+    };
+    let fov = Some(40.0);
+    assert!(has_f_number(Some(5.6), fov));
+    assert!(!has_f_number(None, None));
+    assert!(!has_f_number(None, fov));
+    assert!(has_f_number(Some(5.6), fov));
+}
+
 /// Another file has animations and variants of its own; what else was chosen stays.
 #[test]
 fn another_file_has_its_own_pose() {

@@ -12,7 +12,7 @@ use penumbra::internal::kernels::{CellKind, Class, ShownCell};
 use penumbra::internal::memory::available_with_swap;
 use penumbra::internal::render::photons::SurfacePoint;
 use penumbra::internal::scene::{AddedCamera, Extent, LookAt, NO_LIGHT, with_camera};
-use penumbra::internal::view::{Command, Event, Overlay, Session, Shown, Viewpoint, Worker, pick};
+use penumbra::internal::view::{Command, Event, Overlay, Picked, Session, Shown, Snapshot, Viewpoint, Worker, pick};
 use penumbra::settings::{Aov, LightSampling};
 use penumbra::{Error, Image, ImportOptions, Renderer, Scene, Settings, Technique};
 use serde_json::json;
@@ -280,6 +280,42 @@ fn a_picked_point_has_the_photons_that_decide_it() {
     assert!(mixed > 0, "no boundary was picked");
     let shown = settle(&mut session, [Command::Unpick]);
     assert!(shown.picked.is_none() && shown.pixels == unmarked);
+}
+
+/// A point that is picked before the picture is there is that of the whole picture, not of the small one before it. It
+/// has the photons that are emitted after the first sample.
+#[test]
+fn a_point_is_picked_before_the_picture() {
+    // Enough shadow rays for photons to be on trial.
+    let settings = Settings::builder().size(256, 256).spp(40).build().unwrap();
+    let new = || session(gpu(), BOX.as_ref(), settings.clone());
+    let until = |session: &mut Session<'_>, is: &dyn Fn(&Snapshot) -> bool| loop {
+        let (shown, worked) = session.step().unwrap();
+        match shown {
+            Some(shown) if is(&shown) => return shown,
+            _ => assert!(worked, "it never comes"),
+        }
+    };
+    let is_whole = |shown: &Snapshot| shown.size == [256, 256] && shown.samples > 1;
+    let mut later = new();
+    until(&mut later, &is_whole);
+    let mut moved = 0;
+    for step in 0..3 {
+        let at = [0.413 + 0.05 * step as f32, 0.913];
+        let mut early = new();
+        early.command(Command::Pick(at));
+        let small = until(&mut early, &|shown| shown.samples == 1).picked.unwrap().point.unwrap();
+        let picked = until(&mut early, &is_whole).picked.unwrap();
+        later.command(Command::Pick(at));
+        let expected = until(&mut later, &|shown| shown.picked.as_ref().is_some_and(|picked| picked.at == at));
+        let expected = expected.picked.unwrap();
+        assert_eq!(picked.point, expected.point, "at {at:?}");
+        moved += usize::from(picked.point != Some(small));
+        let photons = |picked: &Picked| picked.nearest.as_ref().map_or(0, |nearest| nearest.photons.len());
+        assert_eq!(photons(&picked), photons(&expected), "at {at:?}");
+        assert!(photons(&picked) > 0, "there are no photons");
+    }
+    assert!(moved > 0, "the small picture has the same points");
 }
 
 /// The share of points of the light that a point sees, from f64 rays among all triangles; `None` if the light is

@@ -25,7 +25,7 @@ use crate::{Error, Result};
 pub(super) const DESCRIPTION: &str = "penumbra:piece";
 
 /// The number rises when the format changes.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 
 /// Data that all pieces of an image have in common.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,6 +46,8 @@ pub(super) struct Whole {
     colour: Option<[u32; 3]>,
     centre: [u64; 3],
     exponent: i32,
+    /// The camera has a lens, so rays of a pixel that shows the environment alone have random directions.
+    pub has_lens: bool,
     pub quantities: Vec<Quantity>,
     /// Samples of the first half that denoisers need; `None` if the pieces keep nothing for them. See
     /// [`super::sums::nodes_of`].
@@ -231,6 +233,7 @@ impl Piece {
             },
             centre: centre.to_array().map(f64::to_bits),
             exponent,
+            has_lens: renderer.camera.lens.is_some(),
             quantities: sums.quantities.clone(),
             half: half_of(image),
         };

@@ -247,9 +247,8 @@ fn spread<T: Clone + Default>(
 }
 
 impl Sums for Merged<'_> {
-    fn may_have_lens(&self) -> bool {
-        // Pieces do not say.
-        true
+    fn has_lens(&self) -> bool {
+        self.whole.has_lens
     }
 
     fn sums(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>> {

@@ -10,7 +10,6 @@ mod saving;
 mod snapshot;
 mod state;
 
-use std::mem;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -246,11 +245,11 @@ impl<'g> Session<'g> {
         }
         let mut image = renderer.image()?;
         // Denoisers take long to begin, and the first picture is not to wait for them.
-        if (is_denoised || self.state.is_complete) && !render.is_first {
-            renderer.add_denoised(&mut image, &self.denoiser)?;
-        }
+        let is_denoised = (is_denoised || self.state.is_complete) && !render.is_first;
+        let outcome = if is_denoised { renderer.add_denoised(&mut image, &self.denoiser) } else { Ok(()) };
+        // Without a denoiser that works, the picture is raw.
         self.state.image = Some(image);
-        Ok(true)
+        outcome.and(Ok(true))
     }
 
     /// Finds the point of the pixel that was clicked, and the photons that decide it for the light that is shown.
@@ -258,8 +257,11 @@ impl<'g> Session<'g> {
         let (Some(image), Some(render)) = (&self.state.image, &mut self.render) else { return Ok(()) };
         let Some(picked) = &mut self.state.picked else { return Ok(()) };
         let is_shown = [image.width, image.height] == render.size && render.eye == self.state.eye;
-        if is_shown && mem::take(&mut self.state.is_point_due) {
+        if is_shown && self.state.is_point_due {
             picked.point = render.point(picked.at)?;
+            picked.nearest = None;
+            // A pixel of a small picture covers several of the whole one.
+            self.state.is_point_due = render.is_preview;
         }
         let light = self.state.choices.display.light;
         if picked.nearest.as_ref().is_none_or(|nearest| nearest.light as usize != light) {

@@ -53,10 +53,10 @@ impl Render<'_> {
         Ok(())
     }
 
-    /// The photons of the visibility map.
+    /// The photons of the visibility map, if there is one yet.
     pub fn photons(&mut self) -> Result<&[VisibilityPhoton]> {
         if self.photons.is_none() {
-            self.photons = Some(self.renderer.visibility_photons()?);
+            self.photons = self.renderer.visibility_photons()?;
         }
         Ok(self.photons.as_deref().unwrap_or_default())
     }
