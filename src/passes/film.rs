@@ -232,8 +232,9 @@ impl Plane {
         let vectors = bytemuck::cast_slice::<u32, [f32; 4]>;
         let (sum, lost) = (vectors(sums)[pixel], vectors(compensations)[pixel]);
         Sum {
-            // w of the compensations is the number of samples that were left out. w of the sums needs no compensation:
-            // it is a sum of zeros and ones, and exact.
+            // w of the compensations is the number of samples that were left out. w of the sums has no compensation: it
+            // is a sum of zeros and ones, and exact, except for the depth. The mean of equal depths has a relative
+            // error of up to 4e-5 at 4,096 samples, and of 8e-4 at 65,536 (the same sum, evaluated in f32).
             total: Vec4::from_array(sum).as_dvec4() + Vec4::from_array(lost).truncate().extend(0.0).as_dvec4(),
             kept: f64::from(samples) - f64::from(lost[3]),
         }

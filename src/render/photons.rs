@@ -51,8 +51,8 @@ impl NearestPhotons {
 }
 
 impl Renderer<'_> {
-    /// The photons of the visibility map, in any order; `None` without a map: some techniques have none, and others only
-    /// from the second sample on.
+    /// The photons of the visibility map, in any order; `None` without a map: some techniques have none, others none
+    /// before the second sample.
     ///
     /// # Errors
     /// As [`kernel_kit::Gpu::read`].

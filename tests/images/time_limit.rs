@@ -103,8 +103,8 @@ fn little_time_is_for_samples() {
     assert!(renderer.statistics().unwrap().rays.gather > 2 * first, "there are no more gather rays");
 }
 
-/// A decision on where noise needs samples runs the denoiser, so it is made only if there is time for it. Without it the
-/// render is not complete, and a note says that its noise is not known.
+/// A decision on where noise needs samples runs the denoiser, so it is made only if there is time for it. Without it
+/// the render is not complete, and a note says that its noise is not known.
 #[test]
 fn decisions_by_noise_fit_the_time() {
     let settings = settings(64).with(|s| (s.image.noise, s.image.denoise) = (Some(1e-6), Denoise::Statistical));
