@@ -84,8 +84,8 @@ fn stores_photons(hit: Hit) -> bool {
     return (flags_at(hit) & MATERIAL_DIFFUSE) != 0u;
 }
 
-// Whether a hit counts as surface that has photons. Below a surface that lets light pass, such as a pane on a floor,
-// there is one that has, if not at the hit itself.
+// Whether a hit counts as surface that has photons. A pane that lies on a floor counts too: photons pass it, and lie on
+// the floor below.
 fn shows_photons(hit: Hit) -> bool {
     return (flags_at(hit) & (MATERIAL_DIFFUSE | MATERIAL_TRANSMITS)) != 0u;
 }

@@ -23,10 +23,15 @@ use crate::specialisation::features::Feature;
 
 /// Minimum share of the blocks with too large an error that get samples together. Estimates and dispatches take the
 /// same time for a few blocks as for many.
-pub(super) const ROUND_SHARE: f64 = 0.125;
+const ROUND_SHARE: f64 = 0.125;
 
 /// Like [`ROUND_SHARE`], if each estimate runs denoisers, which take as long as several samples of all pixels.
 const DENOISED_SHARE: f64 = 0.5;
+
+/// Minimum share of the blocks with too large an error that get samples together, if each estimate runs `denoiser`.
+pub(super) fn share_of_round(denoiser: &Denoiser) -> f64 {
+    if denoiser.choice() == Denoise::None { ROUND_SHARE } else { DENOISED_SHARE }
+}
 
 impl Renderer<'_> {
     /// Whether the render needs more samples than it has. With [`ImageSettings::noise`] it decides where they go, if no
@@ -45,7 +50,7 @@ impl Renderer<'_> {
             self.totals.time_render += seconds;
             self.sampling.seconds_to_decide = Some(seconds);
             self.sampling.is_noise_estimated = true;
-            let share = if denoiser.choice() == Denoise::None { ROUND_SHARE } else { DENOISED_SHARE };
+            let share = share_of_round(denoiser);
             let unaudited = self.unaudited();
             let ImageSettings { spp, .. } = self.settings.image;
             let width = self.settings.image.crop_window().width;
@@ -61,7 +66,8 @@ impl Renderer<'_> {
     pub fn is_complete(&self) -> bool {
         match &self.sampling.allocation {
             Some(allocation) if self.settings.image.noise.is_some() => {
-                allocation.is_complete() && self.sampling.is_noise_estimated
+                allocation.is_complete()
+                    && (self.sampling.is_noise_estimated || allocation.has_all(self.settings.image.spp))
             }
             _ => self.sampling.samples >= self.settings.image.range().count(),
         }
@@ -79,7 +85,9 @@ impl Renderer<'_> {
         // A single sample shows no noise.
         let rest = match self.sampling.samples {
             0 | 1 => "the image has too few samples for an estimate",
-            _ if !self.is_complete() => "the render ended before an estimate",
+            _ if !(allocation.is_complete() && self.sampling.is_noise_estimated) => {
+                "the render ended before an estimate"
+            }
             _ => return None,
         };
         Some(format!("whether a noise of {noise:e} was reached is not known: {rest}"))
@@ -233,9 +241,10 @@ fn colours_of(components: &[[Vec<u32>; 3]], background: Option<DVec3>, pixel: us
         let whole = Plane::sum_of(whole, pixel, samples);
         let first = Plane::sum_of(if half.ilog2().is_multiple_of(2) { even } else { odd }, pixel, half);
         // A pixel without finite samples in one half does not show its error: it counts as exact.
-        let of_half = |half: Sum| if half.kept > 0.0 { half.mean() } else { whole.mean() };
-        for (colour, mean) in colours.iter_mut().zip([whole.mean(), of_half(first), of_half(whole.without(&first))]) {
-            let behind = background.map_or(DVec3::ZERO, |background| behind(background, &mean));
+        let of_half = |half: Sum| if half.kept > 0.0 { half } else { whole };
+        for (colour, sum) in colours.iter_mut().zip([whole, of_half(first), of_half(whole.without(&first))]) {
+            let mean = sum.mean();
+            let behind = background.map_or(DVec3::ZERO, |background| behind(background, &sum));
             *colour = [0, 1, 2].map(|c| colour[c] + (mean[c] + behind[c]) as f32);
         }
     }

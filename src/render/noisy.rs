@@ -45,12 +45,13 @@ pub(super) fn add_denoised(
 /// its errors.
 pub(super) fn add_background(denoised: &mut Denoised, sums: &dyn Sums, background: Background) -> Result<()> {
     let Some(background) = colour_of(background) else { return Ok(()) };
-    let means = means(sums, Quantity::Direct)?.unwrap_or_default();
-    for (colour, mean) in denoised.colour.iter_mut().zip(&means) {
-        let behind = behind(background, mean);
+    let direct = sums.sums(Quantity::Direct)?.unwrap_or_default();
+    for (colour, sum) in denoised.colour.iter_mut().zip(&direct) {
+        let behind = behind(background, sum);
         *colour = [0, 1, 2].map(|c| colour[c] + behind[c] as f32);
     }
     if let Some(errors) = &mut denoised.error {
+        let means: Vec<DVec4> = direct.iter().map(Sum::mean).collect();
         for (error, variance) in errors.iter_mut().zip(coverage_variances(sums, &means)?) {
             *error = [0, 1, 2].map(|c| f64::from(error[c]).hypot(background[c] * variance.sqrt()) as f32);
         }

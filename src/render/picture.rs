@@ -112,8 +112,7 @@ impl Picture<'_> {
         let mut channels = Vec::new();
         let background = colour_of(self.background);
         let over = |(v, sum): (&DVec4, &Sum)| match background {
-            Some(colour) if sum.kept > 0.0 => (v.truncate() + behind(colour, v)).extend(1.0),
-            // Without any sample, it is not known what the pixel shows.
+            Some(colour) if sum.kept > 0.0 => (v.truncate() + behind(colour, sum)).extend(1.0),
             _ => *v,
         };
         let shown: Vec<DVec4> = total.iter().zip(&direct_sums).map(over).collect();
@@ -133,7 +132,7 @@ impl Picture<'_> {
                 Aov::Position => push(&mut channels, ["P.X", "P.Y", "P.Z"], &self.positions(sums, &shares)?),
                 Aov::Depth => channels.push(Channel { name: "Z".into(), samples: self.depths(sums, &shares)? }),
                 Aov::Variance => {
-                    let variances = variances(sums, &total, background)?;
+                    let variances = variances(sums, &total, &direct_sums, background)?;
                     push(&mut channels, ["variance.R", "variance.G", "variance.B"], &variances);
                 }
                 Aov::Samples => {
@@ -191,21 +190,21 @@ fn surface_shares(sums: &dyn Sums, total: &[DVec4]) -> Result<Vec<f64>> {
     Ok(albedo.as_deref().unwrap_or(total).iter().map(|mean| mean.w).collect())
 }
 
-/// The part of a background's colour that is seen in a pixel of the mean `v`, whose w is the share of rays that meet
-/// the scene.
-pub(super) fn behind(colour: DVec3, v: &DVec4) -> DVec3 {
-    colour * (1.0 - v.w)
+/// The part of a background's colour that is seen in a pixel with this sum of direct light, whose w counts the rays
+/// that meet the scene. It is 0 in a pixel without samples, of which nothing is known.
+pub(super) fn behind(colour: DVec3, direct: &Sum) -> DVec3 {
+    if direct.kept > 0.0 { colour * (1.0 - direct.mean().w) } else { DVec3::ZERO }
 }
 
 /// See [`variance_of_mean`]. A ray that meets nothing brings the background's colour and no light.
-fn variances(sums: &dyn Sums, total: &[DVec4], background: Option<DVec3>) -> Result<Vec<DVec4>> {
+fn variances(sums: &dyn Sums, total: &[DVec4], direct: &[Sum], background: Option<DVec3>) -> Result<Vec<DVec4>> {
     let squares = sums.sums(Quantity::Squares)?.unwrap_or_default();
     let colour = background.unwrap_or_default();
-    let variance = |(square, mean): (&Sum, &DVec4)| {
-        let [more, more_squared] = [colour, colour * colour].map(|colour| behind(colour, mean).extend(0.0));
+    let variance = |(square, (mean, direct)): (&Sum, (&DVec4, &Sum))| {
+        let [more, more_squared] = [colour, colour * colour].map(|colour| behind(colour, direct).extend(0.0));
         variance_of_mean(*mean + more, square.mean() + more_squared, square.kept)
     };
-    Ok(squares.iter().zip(total).map(variance).collect())
+    Ok(squares.iter().zip(total.iter().zip(direct)).map(variance).collect())
 }
 
 fn push(channels: &mut Vec<Channel>, names: [&str; 3], values: &[DVec4]) {

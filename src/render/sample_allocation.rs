@@ -256,6 +256,11 @@ impl SampleAllocation {
         self.next.is_empty()
     }
 
+    /// Whether the pixels of all blocks have `spp` samples, so that no block may get more.
+    pub fn has_all(&self, spp: u32) -> bool {
+        self.samples.iter().all(|samples| *samples >= spp)
+    }
+
     /// The share of all blocks that these are.
     pub fn share_of(&self, equal: &EqualBlocks) -> f64 {
         equal.blocks.len() as f64 / self.samples.len() as f64
@@ -375,6 +380,7 @@ mod tests {
         adaptive.select_blocks(&errors, 0.1, 40, SHARE);
         assert_eq!(render(&mut adaptive, 99), [(vec![3], 16, 16), (vec![1, 2, 7], 32, 8)]);
         assert_eq!(adaptive.samples, [8, 40, 40, 32, 8, 8, 8, 40]);
+        assert!(adaptive.has_all(8) && !adaptive.has_all(9));
         // At the limit, or below the noise, nothing is wanted.
         adaptive.select_blocks(&[0.1, 8.0, 0.0, 0.0, 0.0, 0.0, 0.0, 8.0], 0.1, 40, SHARE);
         assert!(adaptive.next_equal().is_none());

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::adaptive_sampling::ROUND_SHARE;
+use super::adaptive_sampling::share_of_round;
 use super::batches::Progress;
 use super::denoise::Denoiser;
 use super::renderer::Renderer;
@@ -58,10 +58,12 @@ impl Renderer<'_> {
     pub fn wants_samples_within(&mut self, denoiser: &Denoiser, seconds: f64) -> Result<bool> {
         if self.settings.image.noise.is_some() && self.is_decision_due() {
             let pixels = self.settings.image.crop_window().pixels();
-            let decision = self.sampling.seconds_to_decide.unwrap_or_else(|| denoiser.seconds(self.gpu, pixels));
-            // Of the share of the pixels that a decision selects, nothing is known before.
-            let sample = ROUND_SHARE * self.seconds_of_sample().unwrap_or(0.0);
-            if decision + sample > seconds {
+            let sample = self.seconds_of_sample().unwrap_or(0.0);
+            // The first decision takes about as long as a sample of all pixels, as in `ALLOCATED_SAMPLE`.
+            let first = || denoiser.seconds(self.gpu, pixels).max(sample);
+            let decision = self.sampling.seconds_to_decide.unwrap_or_else(first);
+            // How many blocks have too large an error is not known before: all of them may.
+            if decision + share_of_round(denoiser) * sample > seconds {
                 return Ok(false);
             }
         }

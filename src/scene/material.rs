@@ -146,8 +146,8 @@ macro_rules! material {
                 false $(|| self.$lobe.transmits())*
             }
 
-            /// Some lobe takes all light from the diffuse base.
-            fn has_lobe_for_base(&self) -> bool {
+            /// Some lobe takes all light from the diffuse base, wherever it is on the surface.
+            fn replaces_base(&self) -> bool {
                 false $(|| self.$lobe.replaces_base())*
             }
 
@@ -226,7 +226,7 @@ impl Material {
     pub(crate) fn may_be_diffuse(&self) -> bool {
         let metal = self.metallic >= 1.0 && self.metallic_roughness_texture.is_none();
         let black = self.base_colour.truncate() == Vec3::ZERO;
-        !self.unlit && !black && !metal && !self.has_lobe_for_base()
+        !self.unlit && !black && !metal && !self.replaces_base()
     }
 
     /// Emits light, and reflects nothing and lets nothing pass.
@@ -236,10 +236,15 @@ impl Material {
         self.emissive != Vec3::ZERO && !reflects && !has_lobes
     }
 
+    /// Lets light pass, as far as the base has a colour.
+    pub(crate) fn lets_light_pass(&self) -> bool {
+        !self.unlit && self.has_transmitting_lobe()
+    }
+
     /// Has a volume behind its surface that light enters. Without a lobe that lets light pass, KHR_materials_volume has
     /// no effect.
     pub(crate) fn encloses_volume(&self) -> bool {
-        self.volume.is_some() && !self.unlit && self.has_transmitting_lobe()
+        self.volume.is_some() && self.lets_light_pass()
     }
 
     /// Rays may pass it because of its alpha, as far as factors tell. `fades`: whether vertices have an alpha below 1.
@@ -269,7 +274,7 @@ impl Material {
         };
         let flag = |flag: u32, on: bool| if on { flag } else { 0 };
         let faces = flag(DOUBLE_SIDED, self.double_sided) | flag(UNLIT, self.unlit);
-        let lobes = flag(DIFFUSE, self.may_be_diffuse()) | flag(TRANSMITS, self.has_transmitting_lobe());
+        let lobes = flag(DIFFUSE, self.may_be_diffuse()) | flag(TRANSMITS, self.lets_light_pass());
         let flags = alpha | faces | lobes;
         let outside = self.medium.map_or(1.0, |medium| medium.ior);
         let absorption = self.medium.map_or([0.0; 3], |medium| medium.volume.absorption(scale));

@@ -164,7 +164,7 @@ impl Facts {
             facts.focusing += usize::from(focuses(m));
             facts.clear += usize::from(focuses(m) && m.roughness <= CLEAR_ROUGHNESS);
             facts.reflecting += usize::from(!m.is_black());
-            facts.transmitting += usize::from(!m.unlit && m.has_transmitting_lobe());
+            facts.transmitting += usize::from(m.lets_light_pass());
             facts.alpha += usize::from(m.alpha != AlphaMode::Opaque);
             facts.unlit += usize::from(m.unlit);
         }

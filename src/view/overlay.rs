@@ -213,10 +213,11 @@ pub fn pixels(image: &Image, display: &Display, seen: Seen<'_>) -> Vec<u8> {
         Overlay::Normal => colour_channels(image, ["N.X", "N.Y", "N.Z"], |x| 0.5 * x + 0.5, View::Raw),
         Overlay::Depth => channel("Z").map(|depths| {
             // Where there is nothing, the depth is 1e10.
-            let there = || depths.iter().copied().filter(|z| *z < 1e9);
+            let is_there = |z: &f32| *z < 1e9;
+            let there = || depths.iter().copied().filter(is_there);
             let (near, far) = (there().fold(f32::INFINITY, f32::min), there().fold(0.0, f32::max));
             let shade = |z: &f32| 1.0 - (z - near) / (far - near).max(f32::MIN_POSITIVE);
-            grey(depths.iter().map(|z| if *z < 1e9 { shade(z) } else { 0.0 }))
+            grey(depths.iter().map(|z| if is_there(z) { shade(z) } else { 0.0 }))
         }),
     };
     let mut shown = shown.unwrap_or_else(|| vec![0; image.pixels() * 3]);
@@ -381,9 +382,13 @@ mod tests {
     }
 
     fn shown(overlay: Overlay, light: usize) -> Vec<u8> {
+        shown_of(&image(), overlay, light)
+    }
+
+    fn shown_of(image: &Image, overlay: Overlay, light: usize) -> Vec<u8> {
         let display = Display { overlay, light, view: View::Raw, exposure: 0.0, denoised: false };
         let camera = crate::Scene::default().frame_camera();
-        pixels(&image(), &display, Seen { photons: &[], cells: None, nearest: None, camera: &camera, scale: 1.0 })
+        pixels(image, &display, Seen { photons: &[], cells: None, nearest: None, camera: &camera, scale: 1.0 })
     }
 
     /// Cells have the hue of their class; cells of the map are darker, edges are darker still, and nothing is black.
@@ -412,6 +417,9 @@ mod tests {
         assert_eq!(shown(Overlay::Error, 0), [0, 0, 0, 255, 255, 255]);
         assert_eq!(shown(Overlay::Normal, 0), [255, 128, 128, 0, 128, 128]);
         assert_eq!(shown(Overlay::Depth, 0), [255, 255, 255, 0, 0, 0]);
+        let mut nothing = Image::new(1, 1);
+        nothing.add_channel("Z", vec![1e10]);
+        assert_eq!(shown_of(&nothing, Overlay::Depth, 0), [0; 3]);
         assert_eq!(shown(Overlay::Albedo, 0), [0; 6], "a missing channel is black");
     }
 

@@ -145,11 +145,12 @@ impl Panel {
             self.scene.clone_from(&picture.file);
             self.choices.iter_mut().for_each(|choices| choices.pose = picture.choices.pose.clone());
         }
-        // Other cameras may have no iris.
-        if self.f_number_of_picture != picture.eye.f_number {
-            self.f_number_of_picture = picture.eye.f_number;
-            self.f_number = picture.eye.f_number;
+        // A camera without an iris has no f-number. Its other changes come from the slider, and pictures lag behind it.
+        let f_number = picture.eye.f_number;
+        if f_number.is_some() != self.f_number_of_picture.is_some() {
+            self.f_number = f_number;
         }
+        self.f_number_of_picture = f_number;
         SidePanel::right("panel").exact_size(WIDTH).resizable(false).show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| self.controls(ui, snapshot, &mut requests));
         });

@@ -447,8 +447,8 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
     let lying = |x: f32, z: f32| [Rectangle(Vec3::new(x, -0.498, z), Vec3::Z * 0.2, Vec3::X * 0.2)];
     let named = |name: &str, material: Material| Material { name: name.to_owned(), ..material };
     let metal = Material { metallic: 1.0, ..surface(0.5, 0.0) };
-    let unlit = Material { unlit: true, ..surface(0.5, 0.0) };
     let leaf = Material { diffuse_transmission: DiffuseTransmission::new(1.0, Vec3::ONE), ..surface(0.5, 0.0) };
+    let unlit = Material { unlit: true, ..leaf.clone() };
     let parts = [
         (&rectangles[..], surface(0.5, 0.0)),
         (&lying(-0.45, 0.25), named("black", surface(0.0, 0.0))),

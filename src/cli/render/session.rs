@@ -149,6 +149,8 @@ impl<'a> Session<'a> {
             statistics.time.denoise = start.elapsed().as_secs_f64();
         }
         if let Err(error) = outcome.and(self.say_estimate(renderer, &statistics)) {
+            // A checkpoint that could not be written may have a place now.
+            let checkpoint = checkpoint.filter(|_| checkpointed.is_err());
             return Err(Failure { error, salvage: Some(Box::new(Salvage { image, statistics, checkpoint })) });
         }
         Ok(self.finish(image, statistics, checkpointed))

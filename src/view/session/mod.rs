@@ -215,8 +215,17 @@ impl<'g> Session<'g> {
         let size = self.state.divided_size(FIRST_DIVISOR);
         let renderer = Renderer::with_preview(self.gpu, scene.clone(), &camera, &subject.settings, size)?;
         self.state.message = None;
-        let (is_preview, is_first) = (true, true);
-        self.render = Some(Render { renderer, subject, eye, camera, size, is_preview, is_first, photons: None });
+        self.render = Some(Render {
+            renderer,
+            subject,
+            eye,
+            camera,
+            size,
+            is_preview: true,
+            is_first: true,
+            photons: None,
+            is_raw: false,
+        });
         Ok(())
     }
 
@@ -235,7 +244,7 @@ impl<'g> Session<'g> {
         };
         self.state.is_complete = !render.is_preview && !renderer.wants_samples(&self.denoiser)?;
         self.state.samples = renderer.samples();
-        let has_denoiser = self.denoiser.choice() != Denoise::None;
+        let has_denoiser = self.denoiser.choice() != Denoise::None && !render.is_raw;
         let is_denoised = has_denoiser && self.state.choices.display.requires_denoising();
         let was_denoised = self.state.image.as_ref().is_some_and(|image| image.channel("denoised.R").is_some());
         // Denoising takes as long as some samples.
@@ -245,11 +254,17 @@ impl<'g> Session<'g> {
         }
         let mut image = renderer.image()?;
         // Denoisers take long to begin, and the first picture is not to wait for them.
-        let is_denoised = (is_denoised || self.state.is_complete) && !render.is_first;
-        let outcome = if is_denoised { renderer.add_denoised(&mut image, &self.denoiser) } else { Ok(()) };
-        // Without a denoiser that works, the picture is raw.
+        let is_denoised = (is_denoised || self.state.is_complete) && !render.is_first && !render.is_raw;
+        match if is_denoised { renderer.add_denoised(&mut image, &self.denoiser) } else { Ok(()) } {
+            Err(lost @ Error::DeviceLost { .. }) => return Err(lost),
+            Err(problem) => {
+                render.is_raw = true;
+                self.state.say(format!("{problem}; the picture stays raw"));
+            }
+            Ok(()) => {}
+        }
         self.state.image = Some(image);
-        outcome.and(Ok(true))
+        Ok(true)
     }
 
     /// Finds the point of the pixel that was clicked, and the photons that decide it for the light that is shown.

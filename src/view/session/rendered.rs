@@ -36,6 +36,8 @@ pub(super) struct Render<'g> {
     /// It is the first picture.
     pub is_first: bool,
     pub photons: Option<Vec<VisibilityPhoton>>,
+    /// A denoiser has failed: the picture stays raw.
+    pub is_raw: bool,
 }
 
 impl Render<'_> {
