@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3, Vec4};
 use penumbra::internal::scene::{AlphaMode, LightKind, Material, Specular, Transmission};
 use penumbra::{Aov, Image, Technique};
 
-use crate::meshes::{camera, cube, inside_out, panorama, scene, sphere, square, surface};
+use crate::meshes::{Corners, camera, cube, inside_out, panorama, scene, sphere, square, surface};
 use crate::setup::{
     assert_means, deviation, mean_and_error, reference_file, render, render_scene, scene_file, settings,
 };
@@ -63,48 +63,41 @@ fn glass_and_metal_match_the_path_tracer() {
     assert!((there - here).abs() < 0.1 * there, "caustic: {there} by paths, {here} by photons");
 }
 
+/// A closed room of these meshes and a lamp has the path tracer's mean by `two-pass`, of `spp` samples. The tolerance
+/// is 0.5 %, for records and photons, plus 3.5 standard errors. A mean that is off by the factor `fault` would be seen.
+#[track_caller]
+fn assert_lit_as_by_paths(meshes: &[(Vec<Corners>, Material)], spp: u32, fault: f64) {
+    let lamp = square(DVec3::new(0.1, 0.45, 0.0), DVec3::X * 0.15, DVec3::Z * 0.15);
+    let meshes: Vec<_> = meshes.iter().cloned().chain([(lamp, surface(0.0, 5.0))]).collect();
+    let view = camera(DVec3::new(-0.4, -0.2, 0.4), DVec3::new(0.8, 0.1, -0.8), 1.2);
+    let of = |technique, spp| {
+        let settings = settings(technique, [48, 48], spp, 64);
+        mean_and_error(&render_scene(scene(&meshes, Vec::new()), &view, &settings).0, "G")
+    };
+    let (paths, photons) = (of(Technique::PATH, 512), of(Technique::TWO_PASS, spp));
+    println!("{photons:?}, paths {paths:?}");
+    let off = |mean: f64| (mean - paths.0).abs() / (0.005 * paths.0 + 3.5 * paths.1.hypot(photons.1));
+    assert!(off(photons.0) < 1.0, "{photons:?}, paths {paths:?}");
+    assert!(off(fault * photons.0) > 1.0, "a factor of {fault} would pass");
+}
+
 /// Where paths and gather rays take the diffuse light of a surface from the map and continue for its specular
-/// reflection, the two add up to the whole: a closed room of half metal, whose walls have both, has the path tracer's
-/// mean. The tolerance is 0.5 %, for records and photons, plus 3.5 standard errors. With the light of the whole base
-/// from the map, the room was 1.5 % too bright.
+/// reflection, the two add up to the whole, in a room of half metal, whose walls have both. With the light of the whole
+/// base from the map, the room was 1.5 % too bright.
 #[test]
 fn half_metals_match_the_path_tracer() {
     let half = Material { metallic: 0.5, roughness: 0.6, specular: Specular::with_factor(1.0), ..surface(0.6, 0.0) };
-    let lamp = square(DVec3::new(0.1, 0.45, 0.0), DVec3::X * 0.15, DVec3::Z * 0.15);
-    let meshes = [(inside_out(cube(DVec3::ZERO, 0.5)), half), (lamp, surface(0.0, 5.0))];
-    let view = camera(DVec3::new(-0.4, -0.2, 0.4), DVec3::new(0.8, 0.1, -0.8), 1.2);
-    let of = |technique, spp| {
-        let settings = settings(technique, [48, 48], spp, 64);
-        mean_and_error(&render_scene(scene(&meshes, Vec::new()), &view, &settings).0, "G")
-    };
-    let (paths, photons) = (of(Technique::PATH, 512), of(Technique::TWO_PASS, 400));
-    println!("{photons:?}, paths {paths:?}");
-    let off = |mean: f64| (mean - paths.0).abs() / (0.005 * paths.0 + 3.5 * paths.1.hypot(photons.1));
-    assert!(off(photons.0) < 1.0, "{photons:?}, paths {paths:?}");
-    assert!(off(1.015 * photons.0) > 1.0, "the whole base would pass");
+    assert_lit_as_by_paths(&[(inside_out(cube(DVec3::ZERO, 0.5)), half)], 400, 1.015);
 }
 
-/// Beside surfaces without photons, the map is not too dark: a closed room whose floor has black stripes has the path
-/// tracer's mean. The tolerance is 0.5 %, for records and photons, plus 3.5 standard errors. With the stripes as area
-/// of the discs, the room was 1.8 % too dark.
+/// Beside surfaces without photons, the map is not too dark: the floor has black stripes. With the stripes as area of
+/// the discs, the room was 1.8 % too dark.
 #[test]
 fn black_stripes_match_the_path_tracer() {
-    let lamp = square(DVec3::new(0.1, 0.45, 0.0), DVec3::X * 0.15, DVec3::Z * 0.15);
     let stripe =
         |i: i32| square(DVec3::new(-0.47 + 0.06 * f64::from(i), -0.499, 0.0), DVec3::X * 0.015, DVec3::NEG_Z * 0.49);
-    let stripes = (0..16).flat_map(stripe).collect();
     let walls = (inside_out(cube(DVec3::ZERO, 0.5)), surface(0.7, 0.0));
-    let meshes = [walls, (stripes, surface(0.0, 0.0)), (lamp, surface(0.0, 5.0))];
-    let view = camera(DVec3::new(-0.4, -0.2, 0.4), DVec3::new(0.8, 0.1, -0.8), 1.2);
-    let of = |technique, spp| {
-        let settings = settings(technique, [48, 48], spp, 64);
-        mean_and_error(&render_scene(scene(&meshes, Vec::new()), &view, &settings).0, "G")
-    };
-    let (paths, photons) = (of(Technique::PATH, 512), of(Technique::TWO_PASS, 64));
-    println!("{photons:?}, paths {paths:?}");
-    let off = |mean: f64| (mean - paths.0).abs() / (0.005 * paths.0 + 3.5 * paths.1.hypot(photons.1));
-    assert!(off(photons.0) < 1.0, "{photons:?}, paths {paths:?}");
-    assert!(off(0.985 * photons.0) > 1.0, "stripes as area would pass");
+    assert_lit_as_by_paths(&[walls, ((0..16).flat_map(stripe).collect(), surface(0.0, 0.0))], 64, 0.985);
 }
 
 /// Transmittance of the glass for the light that it does not reflect.
