@@ -66,8 +66,7 @@ impl Renderer<'_> {
     pub fn is_complete(&self) -> bool {
         match &self.sampling.allocation {
             Some(allocation) if self.settings.image.noise.is_some() => {
-                allocation.is_complete()
-                    && (self.sampling.is_noise_estimated || allocation.has_all(self.settings.image.spp))
+                self.is_noise_known() || allocation.has_all(self.settings.image.spp)
             }
             _ => self.sampling.samples >= self.settings.image.range().count(),
         }
@@ -85,9 +84,7 @@ impl Renderer<'_> {
         // A single sample shows no noise.
         let rest = match self.sampling.samples {
             0 | 1 => "the image has too few samples for an estimate",
-            _ if !(allocation.is_complete() && self.sampling.is_noise_estimated) => {
-                "the render ended before an estimate"
-            }
+            _ if !self.is_noise_known() => "the render ended before an estimate",
             _ => return None,
         };
         Some(format!("whether a noise of {noise:e} was reached is not known: {rest}"))
@@ -164,6 +161,11 @@ impl Renderer<'_> {
             relative(&typical, |c| share * (f64::from(a[c]) - f64::from(b[c])).powi(2))
         };
         Ok(colours.par_iter().enumerate().map(pixel).collect())
+    }
+
+    /// Whether the pixels have all samples of the last decision, and their noise was estimated since.
+    fn is_noise_known(&self) -> bool {
+        self.sampling.is_noise_estimated && self.sampling.allocation.as_ref().is_some_and(SampleAllocation::is_complete)
     }
 
     /// Whether the pixels have all samples of the last decision, and enough of them to estimate their noise.

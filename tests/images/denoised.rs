@@ -49,8 +49,8 @@ fn denoised(scene: Scene, settings: &Settings) -> Image {
     renderer.denoised_image(&filter()).unwrap()
 }
 
-/// Stars are no fireflies: a single sample of the sky has no noise, so the filter leaves it as it is. So does that of
-/// merged pieces, where the sky has several samples.
+/// Stars are no fireflies: a single sample of the sky has no noise, so the filter leaves it as it is. It also leaves
+/// the sky of merged pieces, which has several samples.
 #[test]
 fn the_sky_is_not_filtered() {
     let stars = panorama(256, 128, |d| {

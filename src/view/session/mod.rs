@@ -254,7 +254,7 @@ impl<'g> Session<'g> {
         }
         let mut image = renderer.image()?;
         // Denoisers take long to begin, and the first picture is not to wait for them.
-        let is_denoised = (is_denoised || self.state.is_complete) && !render.is_first && !render.is_raw;
+        let is_denoised = (is_denoised || has_denoiser && self.state.is_complete) && !render.is_first;
         match if is_denoised { renderer.add_denoised(&mut image, &self.denoiser) } else { Ok(()) } {
             Err(lost @ Error::DeviceLost { .. }) => return Err(lost),
             Err(problem) => {
