@@ -9,7 +9,7 @@ use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 use rayon::prelude::*;
 
 use super::noisy_records::NoisyRecords;
-use super::record_grid::{RecordGrid, weight};
+use super::record_tree::{RecordTree, weight};
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::kernels::RECORD_MIN_WEIGHT;
@@ -416,11 +416,11 @@ fn radius(distance: f32, pixel: f32, accuracy: f32, min: f32) -> f32 {
 /// (neighbour clamping, Krivanek et al. 2006): one record may have hit a surface that another missed between its rays.
 fn neighbour_distances(heads: &[RecordHead], radius: impl Fn(f32, f32) -> f32 + Sync) -> Vec<f32> {
     let reach = |head: &RecordHead| radius(head.distance, head.size);
-    let grid = RecordGrid::new(heads, |i| reach(&heads[i]));
+    let tree = RecordTree::new(heads);
     let nearest = |head: &RecordHead| {
         let (here, reach) = (Vec3::from(head.position), reach(head));
         let mut distance = head.distance;
-        grid.each_near(here, reach, |i| {
+        tree.each_near(here, reach, |i| {
             let other = &heads[i];
             let apart = here.distance(Vec3::from(other.position));
             // The record itself changes nothing.

@@ -2,11 +2,11 @@
 //! it by no more than noise. All samples of a pixel share the noise of its records, so more samples do not remove it,
 //! and denoisers of the image cannot see it.
 
-use glam::DVec3;
+use glam::{DVec3, DVec4, Vec4Swizzles};
 use rayon::prelude::*;
 
 use super::noisy_records::{Member, NoisyRecords, irradiance_of, set_irradiance};
-use super::record_grid::{RecordGrid, weight};
+use super::record_tree::{RecordTree, weight};
 use crate::passes::gather::RecordHead;
 
 /// How far a record finds others, in radii and in pixels. Less leaves more noise, and more blurs light that changes
@@ -45,9 +45,9 @@ impl NoisyRecords<'_> {
     /// The values, filtered.
     pub fn filtered(&self) -> Vec<f32> {
         let reach = |i: usize| (REACH_RADII * self.radii[i]).min(REACH_PIXELS * self.heads[i].size);
-        let grid = RecordGrid::new(self.heads, reach);
+        let tree = RecordTree::new(self.heads);
         let indices = || (0..self.heads.len()).into_par_iter();
-        let members: Vec<Vec<Member>> = indices().map(|i| self.members(&grid, i, reach(i))).collect();
+        let members: Vec<Vec<Member>> = indices().map(|i| self.members(&tree, i, reach(i))).collect();
         // The variance of one record, from few rays, is a poor estimate, and 0 if the rays missed a small bright
         // surface: it is averaged with its neighbours'.
         let variance = |i: usize| mean(&members[i], |member| f64::from(self.variances[member.index]));
@@ -79,17 +79,17 @@ impl NoisyRecords<'_> {
     /// a record that had one, the mean is a bright disc as wide as the reach, and it is too dark everywhere else.
     fn with_outliers_spread(&self) -> Vec<f32> {
         let reach = |i: usize| OUTLIER_REACH_PIXELS * self.heads[i].size;
-        let grid = RecordGrid::of_some(self.heads, self.heads.len().div_ceil(OUTLIER_RECORDS).max(1), reach);
+        let tree = RecordTree::of_some(self.heads, self.heads.len().div_ceil(OUTLIER_RECORDS).max(1));
         let known_of = |i: usize| Known { irradiance: self.irradiance(i), variance: self.variances[i].into() };
         let known: Vec<Known> = (0..self.heads.len()).map(known_of).collect();
         // Computed once, because each record is a neighbour of hundreds of others.
-        let deviations: Vec<f64> = known.iter().map(|known| known.variance.sqrt()).collect();
-        let lights: Vec<f64> = known.iter().map(|known| known.irradiance.length()).collect();
+        let measures_of =
+            |known: &Known| DVec4::new(1.0, known.variance, known.variance.sqrt(), known.irradiance.length());
+        let measures: Vec<DVec4> = known.iter().map(measures_of).collect();
         let spread = |i: usize| {
-            let members = self.members(&grid, i, reach(i));
-            let variance = mean(&members, |member| known[member.index].variance);
-            let deviation = mean(&members, |member| deviations[member.index]);
-            let light = mean(&members, |member| lights[member.index]);
+            let members = self.members(&tree, i, reach(i));
+            let sums: DVec4 = members.iter().map(|member| member.weight * measures[member.index]).sum();
+            let [variance, deviation, light] = (sums.yzw() / sums.x).to_array();
             let share = share_of(variance / deviation.powi(2), OUTLIERS) * share_of(variance / light.powi(2), NOISE);
             // Not a number where there is no noise, or no member.
             if share.is_nan() || share == 0.0 {

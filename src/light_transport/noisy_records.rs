@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::record_grid::{RecordGrid, weight};
+use super::record_tree::{RecordTree, weight};
 use crate::passes::gather::RecordHead;
 
 /// Irradiance records, as pass `gather` left them.
@@ -73,20 +73,18 @@ impl NoisyRecords<'_> {
         DVec3::new(channel(0), channel(1), channel(2))
     }
 
-    /// The records of the grid on the same surface within `reach` of a record, and the record itself.
-    pub fn members(&self, grid: &RecordGrid, i: usize, reach: f32) -> Vec<Member> {
+    /// The records of the tree on the same surface within `reach` of a record, and the record itself.
+    pub fn members(&self, tree: &RecordTree, i: usize, reach: f32) -> Vec<Member> {
         let mut members = Vec::new();
         if self.is_valid(i) {
             let here = RecordHead { size: reach, ..self.heads[i] };
             members.push(Member { index: i, weight: 1.0 });
-            grid.each_near(Vec3::from(here.position), reach, |index| {
+            tree.each_near(Vec3::from(here.position), reach, |index| {
                 let weight = f64::from(weight(&here, &self.heads[index]));
                 if weight > 0.0 && index != i && self.is_valid(index) {
                     members.push(Member { index, weight });
                 }
             });
-            // Sums are the same from run to run.
-            members.sort_unstable_by_key(|member| member.index);
         }
         members
     }

@@ -7,7 +7,7 @@
 use rayon::prelude::*;
 
 use super::noisy_records::{Member, NoisyRecords};
-use super::record_grid::RecordGrid;
+use super::record_tree::RecordTree;
 
 /// Squared error at a record's radius that is allowed, over the variance of its irradiance. First-order gradients err
 /// in proportion to the square of the distance. The mean of its fourth power over a disc, by the weights of a record's
@@ -35,9 +35,9 @@ impl NoisyRecords<'_> {
     /// The radius at which the error of each record's gradients is as large as allowed; infinite if that is beyond its
     /// present radius, or if no record shows it.
     pub fn limits(&self) -> Vec<f32> {
-        let grid = RecordGrid::new(self.heads, |i| self.radii[i]);
+        let tree = RecordTree::new(self.heads);
         let indices = || (0..self.heads.len()).into_par_iter();
-        let members: Vec<Vec<Member>> = indices().map(|i| self.members(&grid, i, self.radii[i])).collect();
+        let members: Vec<Vec<Member>> = indices().map(|i| self.members(&tree, i, self.radii[i])).collect();
         let residuals: Vec<Residual> = indices().map(|i| self.residual(i, &members[i])).collect();
         // Members are pooled, because few pairs estimate the error badly: the noise of their differences exceeds the
         // allowed error.
