@@ -46,7 +46,7 @@ impl RecordTree {
     /// Adds the nodes of some records, which it sorts.
     fn divide(&mut self, range: Range<usize>) {
         let records = &mut self.records[range.clone()];
-        let bounds = records.iter().fold(Aabb::EMPTY, |all, (position, _)| all.extended(*position));
+        let bounds = Aabb::of(records.iter().map(|(position, _)| *position));
         let at = self.nodes.len();
         self.nodes.push(Node { bounds, records: range.clone(), next: at + 1 });
         if records.len() > LEAF {
